@@ -1,0 +1,1 @@
+"""The orchestrator: turns a procedure into a record."""

@@ -1,0 +1,111 @@
+"""After the run, and again whenever asked (law 7): points to models, metrics and a judgement of the limits."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib.metadata import entry_points
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bench.clock import stopwatch
+from bench.errors import UserMistake, did_you_mean
+from bench.points import usable
+from bench.procedure.language import Analysis
+from bench.runfolder import write_json
+from fitting.modelfile import save_model
+from fitting.validation import Evaluation, SplitPlan, evaluate
+
+INPUT_COLUMNS = {"dut_temperature": "dut_temperature_degc", "rate": "rate_mean_dps"}
+
+
+@dataclass(frozen=True)
+class Judged:
+    """One limit against what was measured; a figure that could not be measured has not passed."""
+
+    model: str
+    split: str
+    quantity: str
+    limit: float
+    measured: dict[str, float | None]
+
+    @property
+    def passed(self) -> bool:
+        """Whether every DUT is within the limit."""
+        return bool(self.measured) and all(v is not None and v <= self.limit for v in self.measured.values())
+
+
+def model_factories(names: Sequence[str]) -> dict[str, Any]:
+    """Model names to estimator factories. Raises UserMistake for an unknown name."""
+    known = {item.name: item for item in entry_points(group="fogbench.models")}
+    for name in names:
+        if name not in known:
+            raise UserMistake(f"unknown model '{name}'.{did_you_mean(name, known)}")
+    return {name: known[name].load() for name in names}
+
+
+def analyse(folder: Path, points: Any, duts: Sequence[str], analysis: Analysis, meta: dict[str, Any]) -> dict[str, Any]:
+    """Fit every model to every DUT's points; write models/ and metrics.json into the run folder.
+
+    Returns {"metrics": as written, "notes": what could not be done and why}.
+    """
+    metrics: dict[str, Any] = {}
+    notes: list[str] = []
+    for dut in duts:
+        table = usable(points, dut)
+        try:
+            evaluation = _evaluate(table, analysis)
+        except ValueError as error:
+            notes.append(f"{dut}: no fit: {error}")
+            continue
+        metrics[dut] = evaluation.metrics
+        notes += [f"{dut}: {note}" for note in evaluation.notes]
+        _save_models(folder / "models" / dut, dut, evaluation, analysis, meta)
+    write_json(folder / "metrics.json", metrics)
+    return {"metrics": metrics, "notes": notes}
+
+
+def _evaluate(table: Any, analysis: Analysis) -> Evaluation:
+    random, held_out = analysis.splits.random, analysis.splits.leave_temperatures_out
+    split = random.train if random.train is not None else random.share
+    return evaluate(
+        model_factories(analysis.models),
+        table[[INPUT_COLUMNS[name] for name in analysis.inputs]].to_numpy(dtype=np.float64),
+        table["rate_reference_dps"].to_numpy(dtype=np.float64),
+        u=table["rate_mean_u_dps"].to_numpy(dtype=np.float64),
+        groups=table["dwell"].to_numpy(),
+        splits=SplitPlan(train=split, seed=random.seed, folds=held_out.folds),
+        seed=analysis.seed,
+        timer=stopwatch,
+    )
+
+
+def _save_models(folder: Path, dut: str, evaluation: Evaluation, analysis: Analysis, meta: dict[str, Any]) -> None:
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, estimator in evaluation.fitted.items():
+        save_model(
+            folder / f"{name}.json",
+            estimator,
+            {**meta, "dut": dut, "model": name, "inputs": list(analysis.inputs), "metrics": evaluation.metrics[name]},
+        )
+
+
+def judge_limits(analysis: Analysis, metrics: dict[str, Any], duts: Sequence[str]) -> list[Judged]:
+    """Hold the limits of the procedure against the metrics of every DUT."""
+    judged = []
+    for limit in analysis.limits:
+        for quantity in ("max_abs_dps", "std_dps"):
+            value = getattr(limit, quantity)
+            if value is not None:
+                measured = {dut: _figure(metrics, dut, limit.model, limit.split, quantity) for dut in duts}
+                judged.append(Judged(limit.model, limit.split, quantity, value, measured))
+    return judged
+
+
+def _figure(metrics: dict[str, Any], *path: str) -> float | None:
+    value: Any = metrics
+    for part in path:
+        value = value.get(part) if isinstance(value, dict) else None
+    return value if isinstance(value, float) and np.isfinite(value) else None

@@ -1,0 +1,280 @@
+"""The bench file: each instrument's driver, port, settings and limits, and the DUTs by serial number.
+
+A virtual bench has a `simulation:` block too. A real and a virtual bench differ in their ports and in that block, in
+nothing else.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from importlib.metadata import EntryPoint, entry_points
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import Field
+
+from bench.errors import InvalidFiles, Problem, did_you_mean
+from bench.fields import Quantity, YamlMapping, validate, validate_dataclass
+from bench.procedure.language import Band, Name, Rate, Slope, Temperature
+from bench.yamlfile import Document, Path_, load_yaml
+
+Role = Literal["chamber", "rate_table", "dut"]
+DRIVER_GROUPS: dict[str, str] = {
+    "chamber": "fogbench.chambers",
+    "rate_table": "fogbench.rate_tables",
+    "dut": "fogbench.gyros",
+}
+SIMULATED_CAN = "fogsim"
+
+
+class CanPort(YamlMapping):
+    """A python-can bus."""
+
+    interface: str
+    channel: str
+    bitrate: int = Field(default=1_000_000, gt=0)
+
+
+class ChamberLimits(YamlMapping):
+    """What the chamber may be asked for."""
+
+    temperature: Band
+    ramp_degc_min: Slope = Field(default=5.0, gt=0)
+
+
+class ChamberSafe(YamlMapping):
+    """How the chamber is left on every exit: hold where it is, or go to a temperature at a rate."""
+
+    action: Literal["hold", "go_to"] = "hold"
+    temperature_degc: Temperature = 25.0
+    rate_degc_min: Slope = Field(default=1.0, gt=0)
+
+
+class TableLimits(YamlMapping):
+    """What the table may be asked for."""
+
+    rate_dps: Rate = Field(gt=0)
+
+
+class TableSafe(YamlMapping):
+    """How the table is left on every exit: at rest, the drive released or kept."""
+
+    release: bool = True
+    timeout_s: Annotated[float, Quantity("s")] = Field(default=120.0, gt=0)
+
+
+class DutLimits(YamlMapping):
+    """The DUT's full scale and the temperatures it may see."""
+
+    rate_dps: Rate = Field(gt=0)
+    temperature: Band | None = None
+
+
+class ChamberEntry(YamlMapping):
+    """The temperature chamber."""
+
+    driver: str
+    port: str
+    settings: dict[str, Any] = Field(default_factory=dict)
+    limits: ChamberLimits
+    safe: ChamberSafe = Field(default_factory=ChamberSafe)
+
+
+class TableEntry(YamlMapping):
+    """The rate table."""
+
+    driver: str
+    port: str
+    settings: dict[str, Any] = Field(default_factory=dict)
+    limits: TableLimits
+    safe: TableSafe = Field(default_factory=TableSafe)
+
+
+class DutEntry(YamlMapping):
+    """A gyro under test, keyed by its serial number."""
+
+    driver: str
+    port: str | CanPort
+    settings: dict[str, Any] = Field(default_factory=dict)
+    limits: DutLimits
+
+
+class Site(YamlMapping):
+    """Where the bench stands; with a latitude, the vertical earth rate is part of the reference rate."""
+
+    latitude_deg: Annotated[float, Quantity("deg")] | None = Field(default=None, ge=-90, le=90)
+
+
+class BenchFile(YamlMapping):
+    """A bench: instruments, DUTs, site, and the simulation of a virtual one."""
+
+    bench: Name
+    description: str = ""
+    site: Site = Field(default_factory=Site)
+    chamber: ChamberEntry | None = None
+    rate_table: TableEntry | None = None
+    duts: dict[Name, DutEntry] = Field(default_factory=dict)
+    simulation: dict[str, Any] = Field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Instrument:
+    """One instrument of a bench with its driver class found and its settings checked."""
+
+    role: Role
+    name: str
+    driver: str
+    port: str | CanPort
+    driver_class: Any
+    settings: Any
+    path: Path_
+
+    @property
+    def simulated(self) -> bool:
+        """Whether the port leads to a simulator."""
+        if isinstance(self.port, CanPort):
+            return self.port.interface == SIMULATED_CAN
+        return self.port.startswith("sim://")
+
+    @property
+    def address(self) -> str:
+        """The port as one text, also what two instruments may not share."""
+        if isinstance(self.port, CanPort):
+            return f"can:{self.port.channel}" if self.simulated else f"can:{self.port.interface}/{self.port.channel}"
+        return self.port
+
+    @property
+    def where(self) -> str:
+        """What messages call it."""
+        return f"{self.name} at {self.address}"
+
+    @property
+    def settings_mapping(self) -> dict[str, Any]:
+        """The driver's settings as plain data, for the simulator that plays its opposite."""
+        return dataclasses.asdict(self.settings)
+
+
+@dataclass(frozen=True)
+class Bench:
+    """A bench file, checked."""
+
+    file: BenchFile
+    document: Document
+    chamber: Instrument | None
+    rate_table: Instrument | None
+    duts: dict[str, Instrument]
+
+    @property
+    def instruments(self) -> Iterator[Instrument]:
+        """All instruments, commanded ones first."""
+        yield from (item for item in (self.chamber, self.rate_table) if item)
+        yield from self.duts.values()
+
+    @property
+    def virtual(self) -> bool:
+        """Whether every port leads to a simulator."""
+        return all(item.simulated for item in self.instruments)
+
+
+def load_bench(
+    path: Path, edit: Callable[[Document], Document] = lambda document: document
+) -> tuple[Bench | None, list[Problem]]:
+    """Read and check a bench file by itself. Returns what could be read and all mistakes."""
+    try:
+        document = edit(load_yaml(path))
+    except InvalidFiles as error:
+        return None, error.problems
+    problems: list[Problem] = []
+    file = validate(BenchFile, document, (), problems)
+    if file is None:
+        return None, problems
+    found = [_instrument(*item, document, path.parent, problems) for item in _entries(file)]
+    instruments = [item for item in found if item]
+    _check_ports(instruments, document, problems)
+    if not file.duts:
+        problems.append(Problem(document.mark(()), "a bench needs at least one DUT under 'duts:', by serial number."))
+    if problems:
+        return None, problems
+    by_role = {item.role: item for item in instruments}
+    duts = {item.name: item for item in instruments if item.role == "dut"}
+    return Bench(file, document, by_role.get("chamber"), by_role.get("rate_table"), duts), []
+
+
+def _entries(file: BenchFile) -> Iterator[tuple[Role, str, ChamberEntry | TableEntry | DutEntry, Path_]]:
+    if file.chamber:
+        yield "chamber", "chamber", file.chamber, ("chamber",)
+    if file.rate_table:
+        yield "rate_table", "rate table", file.rate_table, ("rate_table",)
+    for serial, entry in file.duts.items():
+        yield "dut", serial, entry, ("duts", serial)
+
+
+def find_entry_point(group: str, name: str) -> EntryPoint | None:
+    """The entry point `name` of a group, or None."""
+    return next(iter(entry_points(group=group, name=name)), None)
+
+
+def _instrument(
+    role: Role,
+    name: str,
+    entry: ChamberEntry | TableEntry | DutEntry,
+    path: Path_,
+    document: Document,
+    folder: Path,
+    problems: list[Problem],
+) -> Instrument | None:
+    group = DRIVER_GROUPS[role]
+    found = find_entry_point(group, entry.driver)
+    if found is None:
+        hint = did_you_mean(entry.driver, [item.name for item in entry_points(group=group)])
+        mark = document.mark((*path, "driver"))
+        problems.append(
+            Problem(mark, f"unknown driver '{entry.driver}' for a {name if role != 'dut' else 'DUT'}.{hint}")
+        )
+        return None
+    driver_class = found.load()
+    settings = _settings(driver_class, document, (*path, "settings"), folder, problems)
+    if settings is None:
+        return None
+    return Instrument(role, name, entry.driver, entry.port, driver_class, settings, path)
+
+
+def _settings(driver_class: Any, document: Document, path: Path_, folder: Path, problems: list[Problem]) -> Any | None:
+    data: Any = document.data
+    for part in path[:-1]:
+        data = data[part]
+    given = {key: _beside(folder, value) for key, value in data.get("settings", {}).items()}
+    seen = _nested(path, given)
+    return validate_dataclass(driver_class.Settings, dataclasses.replace(document, data=seen), path, problems)
+
+
+def _beside(folder: Path, value: Any) -> Any:
+    """A setting that names a file beside the bench file becomes its path."""
+    if isinstance(value, str) and Path(value).suffix in {".yaml", ".dbc"} and (folder / value).is_file():
+        return str(folder / value)
+    return value
+
+
+def _nested(path: Path_, value: Any) -> Any:
+    for part in reversed(path):
+        value = {part: value}
+    return value
+
+
+def _check_ports(instruments: list[Instrument], document: Document, problems: list[Problem]) -> None:
+    taken: dict[str, Instrument] = {}
+    for item in instruments:
+        other = taken.setdefault(item.address, item)
+        shared_can = isinstance(item.port, CanPort) and isinstance(other.port, CanPort)
+        if other is not item and not shared_can:
+            message = f"{item.name} is on {item.address}, where {other.name} already is. Each needs a port of its own."
+            problems.append(Problem(document.mark((*item.path, "port")), message))
+    real = [item for item in instruments if not item.simulated]
+    if real and len(real) < len(instruments):
+        names = ", ".join(item.where for item in real)
+        mark = document.mark((*real[0].path, "port"))
+        problems.append(
+            Problem(mark, f"some ports are simulated and some real ({names}); a bench is all virtual or all real.")
+        )

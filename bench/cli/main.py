@@ -1,0 +1,90 @@
+"""Entry point: finds a command by name and imports it only then, so that `fogbench --help` stays quick."""
+
+from __future__ import annotations
+
+import importlib
+import json
+import sys
+from typing import Any
+
+import click
+
+from bench.errors import ExitCode, FogbenchError, InvalidFiles
+
+# name -> module, one line of help
+COMMANDS = {
+    "check": ("bench.cli.check", "Find every mistake in procedures and a bench file; touches no hardware."),
+    "dry-run": ("bench.cli.dry_run", "Rehearse a procedure in virtual time: timeline, duration, what would go wrong."),
+    "run": ("bench.cli.run", "Run a procedure on a bench, fit, report."),
+    "fit": ("bench.cli.fit", "Fit models to an old run again."),
+    "report": ("bench.cli.report", "Write report.html of a run again."),
+    "list": ("bench.cli.list", "List the runs in the results folder."),
+    "schema": ("bench.cli.schema", "Print the JSON Schema of procedure or bench files."),
+}
+
+EPILOG = """\b
+Exit codes:
+  0    done, everything passed
+  1    done, but a measured limit failed (or could not be measured)
+  2    a mistake in the command, procedure or bench file; nothing was touched
+  3    the bench failed: an instrument, a port, the host
+  130  interrupted; the bench was brought to its safe state
+"""
+
+
+class LazyGroup(click.Group):
+    """Commands imported on use; their one-line help stands here so that listing them imports nothing."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        return list(COMMANDS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        if cmd_name not in COMMANDS:
+            return None
+        return importlib.import_module(COMMANDS[cmd_name][0]).command  # type: ignore[no-any-return]
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, text) for name, (_, text) in COMMANDS.items()])
+
+
+@click.command(cls=LazyGroup, epilog=EPILOG, context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(package_name="fogbench")
+def cli() -> None:
+    """fogbench runs gyro calibration campaigns from a YAML procedure, on real instruments or on a virtual bench."""
+
+
+def main() -> None:
+    """Run the command line; errors become one paragraph and an exit code."""
+    try:
+        code = cli.main(standalone_mode=False)
+    except click.ClickException as error:
+        error.show()
+        code = ExitCode.USER_MISTAKE
+    except (click.Abort, KeyboardInterrupt):
+        click.echo("interrupted", err=True)
+        code = ExitCode.INTERRUPTED
+    except FogbenchError as error:
+        show_error(error)
+        code = error.exit_code
+    except BrokenPipeError:
+        sys.stderr.close()
+        code = ExitCode.PASSED
+    sys.exit(int(code or 0))
+
+
+def show_error(error: FogbenchError) -> None:
+    """Print an error: as JSON if --json was given, else as text on stderr."""
+    if "--json" in sys.argv:
+        problems = error.problems if isinstance(error, InvalidFiles) else []
+        listed = [
+            {"file": p.mark.file, "line": p.mark.line, "column": p.mark.column, "message": p.message} for p in problems
+        ]
+        click.echo(json.dumps({"error": str(error), "exit_code": int(error.exit_code), "problems": listed}, indent=1))
+    else:
+        click.echo(click.style("error: ", fg="red", bold=True) + str(error), err=True)
+
+
+def print_json(value: Any) -> None:
+    """Print a result as JSON."""
+    click.echo(json.dumps(value, indent=1, ensure_ascii=False, default=str))

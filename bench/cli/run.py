@@ -1,0 +1,101 @@
+"""fogbench run"""
+
+from __future__ import annotations
+
+import signal
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from bench.cli.main import print_json
+from bench.cli.options import bench_option, existing_file, json_option, results_option, seed_option, set_option
+
+if TYPE_CHECKING:
+    from bench.clock import StopRequest
+    from bench.run import RunEnd
+
+
+@click.command("run")
+@click.argument("procedure", type=existing_file)
+@bench_option
+@results_option
+@click.option("--run-id", help="Name of the run folder; procedure and time if left out.")
+@seed_option
+@set_option
+@json_option
+def command(
+    procedure: Path,
+    bench_path: Path,
+    results: Path,
+    run_id: str | None,
+    seed: int | None,
+    settings: tuple[str, ...],
+    as_json: bool,
+) -> None:
+    """Run PROCEDURE on a bench: measure, fit, report. The first Ctrl-C ends it in order and leaves the bench safe."""
+    from bench.cli.progress import ProgressPrinter
+    from bench.overrides import parse_overrides
+    from bench.report.render import write_report
+    from bench.run import RunRequest, prepare, run
+
+    request = RunRequest(procedure, bench_path, results, run_id, seed, parse_overrides(settings))
+    prepared = prepare(request)
+    printer = ProgressPrinter(prepared, quiet=as_json)
+    printer.begin()
+    end = run(prepared, printer.tell, _stop_on_signals, write_report)
+    printer.end()
+    if as_json:
+        print_json(summary(end))
+    else:
+        show(end)
+    raise SystemExit(int(end.exit_code))
+
+
+def _stop_on_signals(stop: StopRequest) -> None:
+    """First Ctrl-C or SIGTERM asks for an orderly end; a second Ctrl-C interrupts at once."""
+
+    def ask(number: int, frame: Any) -> None:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+        stop.ask()
+
+    signal.signal(signal.SIGINT, ask)
+    signal.signal(signal.SIGTERM, ask)
+
+
+def summary(end: RunEnd) -> dict[str, Any]:
+    """The end of a run as data."""
+    return {
+        "run": str(end.folder),
+        "outcome": end.outcome,
+        "exit_code": int(end.exit_code),
+        "message": end.message,
+        "points": end.manifest.get("points_measured"),
+        "duration_s": end.manifest.get("duration_s"),
+        "report": str(end.folder / "report.html"),
+        "limits": end.manifest.get("limits"),
+        "metrics": end.metrics,
+    }
+
+
+def show(end: RunEnd) -> None:
+    """Print the results table, the limits and where the report is."""
+    from bench.cli.results import limits_table, results_table
+    from bench.units import format_duration
+
+    if end.metrics:
+        click.echo(results_table(end.metrics))
+    if end.limits:
+        click.echo("\n" + limits_table(end.limits))
+    manifest = end.manifest
+    colour = {"PASS": "green", "FAIL": "yellow"}.get(end.outcome, "red")
+    wall_s = manifest.get("wall_s") or 0.0
+    ratio = (
+        f", {manifest['duration_s'] / wall_s:,.0f} times real time" if manifest["bench"]["virtual"] and wall_s else ""
+    )
+    click.echo(
+        f"\n{click.style(end.outcome, fg=colour, bold=True)}: {end.message}\n"
+        f"{manifest['points_measured']} of {manifest['points_planned']} points, "
+        f"{format_duration(manifest['duration_s'])} of bench time in {wall_s:.1f} s{ratio}\n"
+        f"report: {end.folder / 'report.html'}"
+    )

@@ -1,0 +1,148 @@
+"""The engine: runs a plan step by step on a station, on one clock, and logs what it did."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from bench.benchfile import Bench
+from bench.clock import Clock
+from bench.errors import BenchFailure
+from bench.journal import Log
+from bench.procedure.plan import PlannedStep
+from bench.reduction import slope
+from bench.station import Gyro, Station
+from drivers.codecs.batch import FrameBatch
+from drivers.errors import DriverError
+
+if TYPE_CHECKING:
+    from bench.acquire import Acquirer
+
+# How often readbacks are taken while waiting. Every frame received in between is decoded, so this is also the largest
+# block but one that a reader buffer has to hold.
+WATCH_PERIOD_S = 20.0
+# DUT temperatures kept for the slope condition of a soak.
+HISTORY_S = 4 * 3600.0
+
+
+@dataclass
+class Readbacks:
+    """The newest readback of everything; None where nothing was read yet."""
+
+    t_s: float = 0.0
+    chamber_setpoint_degc: float | None = None
+    chamber_degc: float | None = None
+    rate_setpoint_dps: float | None = None
+    rate_dps: float | None = None
+    dut_degc: dict[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Progress:
+    """What a listener is told after each step and each readback."""
+
+    step: PlannedStep
+    steps: int
+    finished: bool
+    t_s: float
+    readbacks: Readbacks
+
+
+Listener = Callable[[Progress], None]
+
+
+@dataclass
+class Engine:
+    """The state of one execution of a plan. Steps are functions of it (`bench.steps`)."""
+
+    bench: Bench
+    station: Station
+    clock: Clock
+    log: Log
+    acquirer: Acquirer
+    listener: Listener = lambda progress: None
+    readbacks: Readbacks = field(default_factory=Readbacks)
+    history: dict[str, deque[tuple[float, float]]] = field(default_factory=dict)
+    _step: PlannedStep | None = None
+    _steps: int = 0
+
+    def run(self, plan: Sequence[PlannedStep]) -> None:
+        """Run every step. Raises BenchFailure with the step's place if an instrument or a deadline fails."""
+        from bench.steps import STEPS
+
+        self._steps = len(plan)
+        for step in plan:
+            self._step = step
+            self.log.append("step", self.clock.now(), step=step.number, verb=step.verb, at=str(step.mark))
+            self.log.commit()
+            try:
+                STEPS[step.verb](self, step)
+            except DriverError as error:
+                raise BenchFailure(f"step {step.number} '{step.verb}' ({step.mark}): {error}") from error
+            self.log.append("done", self.clock.now(), step=step.number)
+            self._tell(finished=True)
+        self.log.commit()
+
+    def _tell(self, finished: bool) -> None:
+        if self._step is not None:
+            self.listener(Progress(self._step, self._steps, finished, self.clock.now(), self.readbacks))
+
+    def watch(self, seconds: float) -> None:
+        """Wait, taking readbacks on the way."""
+        end = self.clock.now() + seconds
+        while (left := end - self.clock.now()) > 1e-9:
+            self.clock.wait(min(left, WATCH_PERIOD_S))
+            self.poll()
+
+    def poll(self) -> Readbacks:
+        """Take a readback of everything and listen to the DUTs."""
+        for name, gyro in self.station.gyros.items():
+            self.heard(name, gyro, gyro.take())
+        return self.read_instruments()
+
+    def heard(self, name: str, gyro: Gyro, batch: FrameBatch) -> None:
+        """Note the DUT temperature of a batch: the mean of its newest second."""
+        if len(batch.index):
+            newest = max(1, round(gyro.data_rate_hz))
+            degc = float(np.mean(batch.temperature_degc[-newest:]))
+            now = self.clock.now()
+            self.readbacks.dut_degc[name] = degc
+            kept = self.history.setdefault(name, deque())
+            kept.append((now, degc))
+            while kept[0][0] < now - HISTORY_S:
+                kept.popleft()
+
+    def read_instruments(self) -> Readbacks:
+        """Read chamber and table, log the readbacks."""
+        now = self.clock.now()
+        current = self.readbacks
+        current.t_s = now
+        fields: dict[str, Any] = {"dut_degc": {k: round(v, 4) for k, v in current.dut_degc.items()}}
+        if self.station.chamber:
+            current.chamber_degc = self.station.chamber.temperature_degc()
+            fields |= {"chamber_setpoint_degc": current.chamber_setpoint_degc, "chamber_degc": current.chamber_degc}
+        if self.station.table:
+            current.rate_dps = self.station.table.rate_dps()
+            fields |= {"rate_setpoint_dps": current.rate_setpoint_dps, "rate_dps": current.rate_dps}
+        self.log.append("readback", now, **fields)
+        self._tell(finished=False)
+        return current
+
+    def dut_slopes(self, over_s: float) -> dict[str, float] | None:
+        """Each DUT's temperature slope (degC/min) over the last `over_s`; None until that much has been seen of all."""
+        since = self.clock.now() - over_s
+        slopes: dict[str, float] = {}
+        for name in self.station.gyros:
+            seen = np.array([pair for pair in self.history.get(name, ()) if pair[0] >= since - WATCH_PERIOD_S])
+            if len(seen) < 3 or seen[-1, 0] - seen[0, 0] < over_s * 0.9:
+                return None
+            slopes[name] = slope(seen[:, 0] / 60.0, seen[:, 1])
+        return slopes
+
+    def fail(self, step: PlannedStep, message: str) -> BenchFailure:
+        """The error for a step whose condition was not met."""
+        return BenchFailure(f"step {step.number} '{step.verb}' ({step.mark}): {message}")

@@ -1,0 +1,203 @@
+"""From YAML mappings to typed values: pydantic models whose keys are field names without their unit suffix.
+
+A field `data_rate_hz: float` is written `data_rate: 100 Hz`. The same rule turns the frozen dataclasses that drivers
+and simulators declare for their settings into models, so that a new instrument needs no code here to be checked and
+documented.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import types
+import typing
+from typing import Annotated, Any, TypeVar, Union
+
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    GetCoreSchemaHandler,
+    GetJsonSchemaHandler,
+    ValidationError,
+    create_model,
+)
+from pydantic_core import CoreSchema, core_schema
+
+from bench.errors import Mark, Problem, did_you_mean
+from bench.units import DIMENSIONS, parse_quantity, split_suffix
+from bench.yamlfile import Document, Path_
+
+Model = TypeVar("Model", bound=BaseModel)
+
+
+def yaml_key(field: str) -> str:
+    """The YAML key of a field: without unit suffix, and without the underscore that avoids a Python keyword.
+
+    >>> yaml_key("to_degc"), yaml_key("for_s"), yaml_key("from_dps"), yaml_key("order")
+    ('to', 'for', 'from', 'order')
+    """
+    return split_suffix(field)[0].rstrip("_")
+
+
+@dataclasses.dataclass(frozen=True)
+class Quantity:
+    """Annotation of a float that YAML writes as a number with a unit of the dimension `suffix`."""
+
+    suffix: str
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        return core_schema.no_info_before_validator_function(
+            lambda value: parse_quantity(value, self.suffix), handler(source)
+        )
+
+    def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
+        dimension = DIMENSIONS[self.suffix]
+        units = ", ".join(dimension.factors)
+        return {"type": "string", "description": f"{dimension.name}; units: {units}", "examples": [dimension.example]}
+
+
+class YamlMapping(BaseModel):
+    """Base of every YAML mapping: unknown keys are mistakes, values are not coerced."""
+
+    model_config = ConfigDict(
+        extra="forbid", frozen=True, strict=True, alias_generator=yaml_key, arbitrary_types_allowed=True
+    )
+
+
+@functools.cache
+def model_of(declared: type) -> type[BaseModel]:
+    """The model of a settings dataclass, its quantities recognised by the suffix of the field name."""
+    hints = typing.get_type_hints(declared)
+    fields: dict[str, Any] = {}
+    for item in dataclasses.fields(declared):
+        default: Any = ...
+        if item.default is not dataclasses.MISSING:
+            default = item.default
+        elif item.default_factory is not dataclasses.MISSING:
+            default = Field(default_factory=item.default_factory)
+        fields[item.name] = (_field_type(hints[item.name], split_suffix(item.name)[1]), default)
+    return create_model(declared.__name__, __base__=YamlMapping, __doc__=declared.__doc__, **fields)
+
+
+def _field_type(hint: Any, suffix: str | None) -> Any:
+    if hint is float and suffix:
+        return Annotated[float, Quantity(suffix)]
+    if hint is float:
+        return Annotated[float, Field(allow_inf_nan=False)]
+    if dataclasses.is_dataclass(hint) and isinstance(hint, type):
+        return model_of(hint)
+    origin, args = typing.get_origin(hint), typing.get_args(hint)
+    if origin in (Union, types.UnionType):
+        return Union[tuple(_field_type(arg, suffix) for arg in args)]  # noqa: UP007 - built at run time
+    if origin is tuple:
+        return list.__class_getitem__(_field_type(args[0], suffix))
+    return hint
+
+
+def to_dataclass(declared: type, values: BaseModel) -> Any:
+    """The dataclass instance that a model of `model_of(declared)` describes. Raises ValueError from its own checks."""
+    hints = typing.get_type_hints(declared)
+    converted = {
+        item.name: _convert(hints[item.name], getattr(values, item.name)) for item in dataclasses.fields(declared)
+    }
+    return declared(**converted)
+
+
+def _convert(hint: Any, value: Any) -> Any:
+    if isinstance(value, BaseModel):
+        candidates = [c for c in (hint, *typing.get_args(hint)) if isinstance(c, type) and dataclasses.is_dataclass(c)]
+        return to_dataclass(next(c for c in candidates if c.__name__ == type(value).__name__), value)
+    return tuple(value) if isinstance(value, list) else value
+
+
+def validate(model: type[Model], document: Document, path: Path_, problems: list[Problem]) -> Model | None:
+    """Validate the value at `path` of a document; mistakes go to `problems`, each with its place."""
+    data = document.data
+    for part in path:
+        data = data[part]
+    if not isinstance(data, dict):
+        allowed = ", ".join(_keys(model))
+        problems.append(Problem(document.mark(path), f"a mapping is expected here. Allowed keys: {allowed}."))
+        return None
+    try:
+        return model.model_validate(data)
+    except ValidationError as error:
+        problems.extend(_problem(model, document, path, dict(item)) for item in error.errors())
+        return None
+
+
+def validate_dataclass(declared: type, document: Document, path: Path_, problems: list[Problem]) -> Any | None:
+    """Validate the mapping at `path` as a settings dataclass; None and problems if it is not one."""
+    values = validate(model_of(declared), document, path, problems)
+    if values is None:
+        return None
+    try:
+        return to_dataclass(declared, values)
+    except ValueError as error:
+        problems.append(Problem(document.mark(path), f"{error}"))
+        return None
+
+
+def _problem(model: type[BaseModel], document: Document, base: Path_, error: dict[str, Any]) -> Problem:
+    location = tuple(part for part in error["loc"] if _exists(document, base, error["loc"], part))
+    path = (*base, *location)
+    kind = error["type"]
+    if kind == "extra_forbidden":
+        parent = _model_at(model, location[:-1])
+        hint = did_you_mean(str(location[-1]), _keys(parent)) if parent else ""
+        return Problem(document.mark(path, key=True), f"unknown key '{location[-1]}'.{hint}")
+    if kind == "missing":
+        owner = document.mark(path[:-1], key=True)
+        return Problem(owner, f"the key '{location[-1]}' is missing here.{_example(model, location)}")
+    if kind == "value_error":
+        text = str(error["ctx"]["error"])
+    elif kind == "literal_error":
+        text = f"{error['input']!r} is not allowed. Allowed: {error['ctx']['expected']}"
+    else:
+        text = f"{error['msg']}, not {error['input']!r}"
+    key = f"'{path[-1]}': " if path and isinstance(path[-1], str) else ""
+    return Problem(document.mark(path), f"{key}{text.rstrip('.')}.")
+
+
+def _exists(document: Document, base: Path_, location: tuple[Any, ...], part: Any) -> bool:
+    """Whether a part of a pydantic location is a YAML key or index rather than the name of a union branch."""
+    index = location.index(part)
+    return index == len(location) - 1 or (*base, *location[: index + 1]) in document.values
+
+
+def _keys(model: type[BaseModel]) -> list[str]:
+    return [field.alias or name for name, field in model.model_fields.items()]
+
+
+def _model_at(model: type[BaseModel], location: tuple[Any, ...]) -> type[BaseModel] | None:
+    current: Any = model
+    for part in location:
+        if isinstance(part, int):
+            continue
+        match = next((f for n, f in current.model_fields.items() if (f.alias or n) == part), None)
+        inner = _inner_model(match.annotation) if match else None
+        if inner is None:
+            return None
+        current = inner
+    return typing.cast(type[BaseModel], current)
+
+
+def _inner_model(annotation: Any) -> type[BaseModel] | None:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return annotation
+    return next((found for arg in typing.get_args(annotation) if (found := _inner_model(arg))), None)
+
+
+def _example(model: type[BaseModel], location: tuple[Any, ...]) -> str:
+    parent = _model_at(model, location[:-1])
+    for name in parent.model_fields if parent else ():
+        key, suffix = yaml_key(name), split_suffix(name)[1]
+        if key == location[-1] and suffix:
+            return f" Example: {key}: {DIMENSIONS[suffix].example}"
+    return ""
+
+
+def where(document: Document, *path: str | int) -> Mark:
+    """The mark of a path in a document."""
+    return document.mark(path)

@@ -1,0 +1,118 @@
+"""The journal: append-only, checksummed line by line, the only truth about a run (law 6).
+
+A line is `<crc32 in 8 hex digits> <JSON object>`; the object carries a consecutive number `n`, the bench time `t_s` and
+a `kind`. The first record names the format. A commit reaches the disk before it returns. A line torn by a crash at the
+end is dropped when the journal is read; damage anywhere else is refused, because what follows could be silently wrong.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import zlib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, BinaryIO, Protocol
+
+from bench.errors import FogbenchError
+
+FORMAT = 1
+Entry = dict[str, Any]
+
+
+class JournalDamaged(FogbenchError):
+    """The journal was changed after it was written; it is not read past the damage."""
+
+
+class Log(Protocol):
+    """Where the engine writes what it did."""
+
+    def append(self, kind: str, t_s: float, **fields: Any) -> None:
+        """Add a record; it may still be in memory."""
+        ...
+
+    def commit(self) -> None:
+        """Make everything appended so far durable."""
+        ...
+
+
+class MemoryLog:
+    """The log of a rehearsal: kept, never written."""
+
+    def __init__(self) -> None:
+        self.entries: list[Entry] = []
+
+    def append(self, kind: str, t_s: float, **fields: Any) -> None:
+        self.entries.append({"n": len(self.entries), "t_s": t_s, "kind": kind, **fields})
+
+    def commit(self) -> None:
+        """Nothing to make durable."""
+
+
+class Journal:
+    """Writer of a new journal file."""
+
+    def __init__(self, path: Path, head: Entry) -> None:
+        """Create `path`, which must not exist, with its head record. Raises OSError."""
+        self._file: BinaryIO = path.open("xb")
+        self._number = 0
+        self.append("journal", 0.0, format=FORMAT, **head)
+        self.commit()
+
+    def append(self, kind: str, t_s: float, **fields: Any) -> None:
+        """Add a record to the buffer. Raises ValueError for a value JSON cannot hold (NaN is one)."""
+        entry = {"n": self._number, "t_s": t_s, "kind": kind, **fields}
+        self._file.write(encode(entry))
+        self._number += 1
+
+    def commit(self) -> None:
+        """Write the buffer through to the disk. Raises OSError (disk full)."""
+        self._file.flush()
+        os.fsync(self._file.fileno())
+
+    def close(self) -> None:
+        """Commit and close."""
+        if not self._file.closed:
+            self.commit()
+            self._file.close()
+
+
+def encode(entry: Entry) -> bytes:
+    """One journal line.
+
+    >>> encode({"n": 0, "t_s": 0.0, "kind": "note"})
+    b'52ec6eba {"n":0,"t_s":0.0,"kind":"note"}\\n'
+    """
+    body = json.dumps(entry, allow_nan=False, separators=(",", ":"), ensure_ascii=False).encode()
+    return b"%08x %s\n" % (zlib.crc32(body), body)
+
+
+def read_journal(path: Path) -> Iterator[Entry]:
+    """The records of a journal in order. Raises JournalDamaged, or OSError if it cannot be read."""
+    data = path.read_bytes()
+    lines = data.split(b"\n")
+    tail = lines.pop()
+    for number, line in enumerate(lines):
+        entry = _decode(line)
+        if entry is None or entry.get("n") != number:
+            last = number == len(lines) - 1 and not tail
+            if last and entry is None:
+                return
+            raise JournalDamaged(
+                f"{path}:{number + 1}: this record does not match its checksum or its number, and records follow it. "
+                "The journal was edited or the disk is damaged. Restore the file from a copy; it is not used as it is."
+            )
+        if number == 0 and (entry.get("kind") != "journal" or entry.get("format") != FORMAT):
+            raise JournalDamaged(f"{path}:1: not a journal of format {FORMAT}. Was it written by another version?")
+        yield entry
+
+
+def _decode(line: bytes) -> Entry | None:
+    checksum, _, body = line.partition(b" ")
+    try:
+        if len(checksum) != 8 or int(checksum, 16) != zlib.crc32(body):
+            return None
+        entry = json.loads(body)
+    except (ValueError, RecursionError):
+        return None
+    return entry if isinstance(entry, dict) else None

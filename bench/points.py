@@ -1,0 +1,190 @@
+"""Points: one row per DUT and condition, its verdict, and the two files that hold all of them."""
+
+from __future__ import annotations
+
+import io
+import math
+from collections.abc import Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from bench.journal import Entry
+from bench.procedure.language import Quality
+from bench.procedure.plan import PlannedStep
+from bench.reduction import PointStatistics
+from bench.runfolder import write_atomic
+from drivers.codecs.batch import FrameBatch
+from drivers.codecs.counters import Losses
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+Row = dict[str, Any]
+
+COLUMNS = (
+    "point",
+    "dut",
+    "dwell",
+    "chamber_setpoint_degc",
+    "chamber_readback_degc",
+    "dut_temperature_degc",
+    "dut_temperature_slope_degc_min",
+    "rate_setpoint_dps",
+    "rate_readback_dps",
+    "rate_reference_dps",
+    "rate_mean_dps",
+    "rate_std_dps",
+    "rate_mean_u_dps",
+    "samples",
+    "frames",
+    "frames_lost",
+    "duplicates",
+    "bad_checksum",
+    "skipped_bytes",
+    "resyncs",
+    "outliers",
+    "started_at_s",
+    "ended_at_s",
+    "verdict",
+    "reasons",
+)
+
+# Digits kept: a tenth of a micro-degree per second and of a millikelvin, below any figure that is reported.
+_DIGITS = {"_dps": 10, "_degc": 6, "_degc_min": 8, "_s": 6}
+
+
+def point_row(
+    step: PlannedStep,
+    dut: str,
+    statistics: PointStatistics | None,
+    planned_samples: int,
+    planned_frames: int,
+    frames: FrameBatch,
+    losses: Losses,
+    chamber_degc: float | None,
+    rate_dps: float | None,
+    earth_rate_dps: float,
+    started_at_s: float,
+    ended_at_s: float,
+    quality: Quality,
+) -> Row:
+    """One row of points.csv. The reference rate is the table's setpoint plus the vertical earth rate, if known."""
+    s = statistics
+    setpoint = step.rate_dps
+    row: Row = {
+        "point": step.point,
+        "dut": dut,
+        "dwell": step.dwell,
+        "chamber_setpoint_degc": step.temperature_degc,
+        "chamber_readback_degc": chamber_degc,
+        "dut_temperature_degc": s and s.dut_temperature_degc,
+        "dut_temperature_slope_degc_min": s and s.dut_temperature_slope_degc_min,
+        "rate_setpoint_dps": setpoint,
+        "rate_readback_dps": rate_dps,
+        "rate_reference_dps": None if setpoint is None else setpoint + earth_rate_dps,
+        "rate_mean_dps": s and s.rate_mean_dps,
+        "rate_std_dps": s and s.rate_std_dps,
+        "rate_mean_u_dps": s and s.rate_mean_u_dps,
+        "samples": s.samples if s else 0,
+        "frames": len(frames.index),
+        "frames_lost": planned_frames - len(frames.index),
+        "duplicates": losses.duplicates,
+        "bad_checksum": losses.bad_checksum,
+        "skipped_bytes": losses.skipped_bytes,
+        "resyncs": losses.resyncs,
+        "outliers": s.outliers if s else 0,
+        "started_at_s": started_at_s,
+        "ended_at_s": ended_at_s,
+    }
+    row |= {key: _rounded(key, value) for key, value in row.items()}
+    row["verdict"], row["reasons"] = judge(row, frames, planned_samples, planned_frames, quality)
+    return row
+
+
+def _rounded(key: str, value: Any) -> Any:
+    if not isinstance(value, float):
+        return value
+    if not math.isfinite(value):
+        return None
+    digits = max((d for suffix, d in _DIGITS.items() if key.endswith(suffix)), default=9)
+    return round(value, digits)
+
+
+def judge(row: Row, frames: FrameBatch, planned_samples: int, planned_frames: int, quality: Quality) -> tuple[str, str]:
+    """The verdict pass, marginal or fail with its reasons.
+
+    Each figure is compared with its limit: above it the point is marginal, above `fail_at` times it the point fails. A
+    point without samples, or whose output never changed, fails outright: a frozen gyro has a valid checksum.
+    """
+    if not row["samples"]:
+        return "fail", "no samples"
+    raw = frames.columns["rate"]
+    if len(raw) > 10 and (raw == raw[0]).all():
+        return "fail", "output frozen"
+    checks = [
+        ("frames lost", row["frames_lost"] / planned_frames * 1e6, quality.lost_ppm),
+        ("outliers", row["outliers"] / planned_samples * 1e6, quality.outliers_ppm),
+        ("DUT temperature slope", abs(row["dut_temperature_slope_degc_min"] or 0.0), quality.slope_degc_min),
+    ]
+    if row["rate_readback_dps"] is not None and row["rate_setpoint_dps"] is not None:
+        off_rate = abs(row["rate_readback_dps"] - row["rate_setpoint_dps"])
+        checks.append(("table off its rate", off_rate, quality.rate_band_dps))
+    reasons = [f"{name} {value:.4g} over {limit:g}" for name, value, limit in checks if value > limit]
+    failed = any(value > limit * quality.fail_at for _, value, limit in checks)
+    return ("fail" if failed else "marginal" if reasons else "pass"), "; ".join(reasons)
+
+
+def points_of(entries: Iterable[Entry]) -> pd.DataFrame:
+    """The points of a journal in the order measured (a fold of it)."""
+    import pandas as pd
+
+    rows = [entry["row"] for entry in entries if entry["kind"] == "point"]
+    table = pd.DataFrame(rows, columns=list(COLUMNS))
+    text = {"dut", "verdict", "reasons"}
+    whole = {"point", "dwell", "samples", "frames", "frames_lost", "duplicates", "bad_checksum", "skipped_bytes"}
+    whole |= {"resyncs", "outliers"}
+    kinds = {name: "str" if name in text else "int64" if name in whole else "float64" for name in COLUMNS}
+    return table.astype(kinds)
+
+
+def timeline_of(entries: Iterable[Entry]) -> pd.DataFrame:
+    """The readbacks of a journal, one row each, DUT temperatures in columns `temperature_degc:<dut>`."""
+    import pandas as pd
+
+    rows = []
+    for entry in entries:
+        if entry["kind"] == "readback":
+            temperatures = {f"temperature_degc:{dut}": degc for dut, degc in entry["dut_degc"].items()}
+            rows.append(
+                {
+                    "t_s": entry["t_s"],
+                    "chamber_setpoint_degc": entry.get("chamber_setpoint_degc"),
+                    "chamber_readback_degc": entry.get("chamber_degc"),
+                    "rate_setpoint_dps": entry.get("rate_setpoint_dps"),
+                    "rate_readback_dps": entry.get("rate_dps"),
+                    **temperatures,
+                }
+            )
+    return pd.DataFrame(rows).astype("float64")
+
+
+def write_points(folder: Path, points: pd.DataFrame) -> None:
+    """Write points.csv and points.parquet."""
+    write_atomic(folder / "points.csv", points.to_csv(index=False, lineterminator="\n").encode())
+    write_table(folder / "points.parquet", points)
+
+
+def write_table(path: Path, table: pd.DataFrame) -> None:
+    """Write a table as Parquet, whole or not at all."""
+    buffer = io.BytesIO()
+    table.to_parquet(buffer, index=False, compression="zstd")
+    write_atomic(path, buffer.getvalue())
+
+
+def usable(points: pd.DataFrame, dut: str) -> pd.DataFrame:
+    """The points of a DUT that a fit may use: measured and not failed."""
+    needed = ["dut_temperature_degc", "rate_mean_dps", "rate_reference_dps", "rate_mean_u_dps"]
+    mine = points[(points["dut"] == dut) & (points["verdict"] != "fail")]
+    return mine[np.isfinite(mine[needed].to_numpy()).all(axis=1)].reset_index(drop=True)

@@ -1,0 +1,1 @@
+"""The procedure language: YAML to a flat plan of steps."""

@@ -1,0 +1,311 @@
+"""What a procedure may say: the step verbs and the blocks around them, as data.
+
+Field names carry the unit suffix, YAML keys do not (`bench.fields`). The docstrings here are the procedure reference:
+`fogbench schema procedure` and docs/reference/procedure.md are generated from them.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, model_validator
+
+from bench.fields import Quantity, YamlMapping
+
+Time = Annotated[float, Quantity("s")]
+Temperature = Annotated[float, Quantity("degc")]
+Kelvin = Annotated[float, Quantity("k")]
+Ratio = Annotated[float, Quantity("ppm")]
+Slope = Annotated[float, Quantity("degc_min")]
+Rate = Annotated[float, Quantity("dps")]
+Angle = Annotated[float, Quantity("deg")]
+
+Order = Literal["up", "down", "alternate", "random"]
+Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,63}$")]
+
+
+class SetTemperature(YamlMapping):
+    """Move the chamber's setpoint at once and wait until its readback is in the band."""
+
+    to_degc: Temperature
+    band_k: Kelvin = Field(default=0.5, gt=0)
+    timeout_s: Time = Field(default=6 * 3600.0, gt=0)
+
+
+class RampTemperature(YamlMapping):
+    """Move the chamber's setpoint at a stated rate and wait until its readback is in the band."""
+
+    to_degc: Temperature
+    rate_degc_min: Slope = Field(gt=0)
+    band_k: Kelvin = Field(default=0.5, gt=0)
+    timeout_s: Time = Field(default=6 * 3600.0, gt=0)
+
+
+class SlopeCondition(YamlMapping):
+    """The DUT's own temperature slope, by least squares over a window, is inside ± slope."""
+
+    slope_degc_min: Slope = Field(gt=0)
+    over_s: Time = Field(default=600.0, gt=0)
+
+
+class Soak(YamlMapping):
+    """Hold until the DUTs are thermally stable: a minimum time and, if `until` is given, a slope condition."""
+
+    for_s: Time = Field(gt=0)
+    until: SlopeCondition | None = None
+    timeout_s: Time | None = Field(default=None, gt=0)
+    on_timeout: Literal["fail", "continue"] = "fail"
+
+    @model_validator(mode="after")
+    def _timeout_goes_with_until(self) -> Soak:
+        if self.until and self.timeout_s is None:
+            raise ValueError("a soak with 'until' needs a 'timeout', e.g. timeout: 6 h")
+        if self.timeout_s is not None and self.timeout_s <= self.for_s:
+            raise ValueError("the timeout of a soak must be longer than its minimum time 'for'")
+        return self
+
+
+class SetRate(YamlMapping):
+    """Command the table to a rate; it is not waited for (use settle)."""
+
+    to_dps: Rate
+
+
+class Settle(YamlMapping):
+    """Wait until the table's measured rate has stayed within ± band of the setpoint for a time."""
+
+    band_dps: Rate = Field(gt=0)
+    for_s: Time = Field(default=1.0, ge=0)
+    timeout_s: Time = Field(default=120.0, gt=0)
+
+
+class GoToPosition(YamlMapping):
+    """Turn the table to a position and wait until its readback is within the band."""
+
+    to_deg: Angle
+    band_deg: Angle = Field(default=0.01, gt=0)
+    timeout_s: Time = Field(default=300.0, gt=0)
+
+
+class Dwell(YamlMapping):
+    """Hold everything for a fixed time."""
+
+    for_s: Time = Field(gt=0)
+
+
+class Acquire(YamlMapping):
+    """Record samples of every DUT and average them to one point.
+
+    Either `count` samples or a duration `for`, one sample every `every`. A sample is the mean of the frames of its
+    interval, or the newest frame of it.
+    """
+
+    count: int | None = Field(default=None, gt=0, le=10_000_000)
+    for_s: Time | None = Field(default=None, gt=0)
+    every_s: Time = Field(gt=0)
+    take: Literal["mean", "newest"] = "mean"
+
+    @model_validator(mode="after")
+    def _count_or_duration(self) -> Acquire:
+        if (self.count is None) == (self.for_s is None):
+            raise ValueError("acquire needs either 'count' or 'for', not both: count: 1000 or for: 10 min")
+        if self.for_s is not None and self.for_s < self.every_s:
+            raise ValueError("the duration 'for' is shorter than one interval 'every'")
+        return self
+
+    @property
+    def samples(self) -> int:
+        """Samples planned."""
+        return self.count if self.count is not None else max(1, int((self.for_s or 0.0) / self.every_s + 1e-9))
+
+    @property
+    def duration_s(self) -> float:
+        """Time the samples take."""
+        return float(self.samples * self.every_s)
+
+
+class TemperatureRange(YamlMapping):
+    """Temperatures from … to by step, both ends included."""
+
+    from_degc: Temperature
+    to_degc: Temperature
+    step_k: Kelvin = Field(gt=0)
+
+
+class RateRange(YamlMapping):
+    """Rates from … to by step, both ends included; `without` leaves values out."""
+
+    from_dps: Rate
+    to_dps: Rate
+    step_dps: Rate = Field(gt=0)
+    without_dps: list[Rate] = Field(default_factory=list)
+
+
+class PositionRange(YamlMapping):
+    """Table positions from … to by step, both ends included."""
+
+    from_deg: Angle
+    to_deg: Angle
+    step_deg: Angle = Field(gt=0)
+
+
+class Sweep(YamlMapping):
+    """Visit each value of one quantity and run the steps there; sweeps nest.
+
+    A temperature sweep ramps the chamber (`ramp`, `band`, `timeout` as in ramp_temperature) and waits for its readback;
+    a rate sweep commands the table; a position sweep turns it. `order`: up, down, alternate (turns round each time the
+    sweep is entered again) or random (seeded); without it a range goes up and a list is visited as written.
+    """
+
+    temperature: TemperatureRange | list[Temperature] | None = None
+    rate: RateRange | list[Rate] | None = None
+    position: PositionRange | list[Angle] | None = None
+    order: Order | None = None
+    seed: int = 0
+    ramp_degc_min: Slope | None = Field(default=None, gt=0)
+    band_k: Kelvin = Field(default=0.5, gt=0)
+    timeout_s: Time = Field(default=6 * 3600.0, gt=0)
+    steps: list[Any] = Field(min_length=1)
+
+    @model_validator(mode="after")
+    def _one_quantity(self) -> Sweep:
+        if sum(q is not None for q in (self.temperature, self.rate, self.position)) != 1:
+            raise ValueError("a sweep needs exactly one of 'temperature', 'rate' or 'position'")
+        return self
+
+
+class Repeat(YamlMapping):
+    """Run the steps several times."""
+
+    times: int = Field(gt=0, le=1_000_000)
+    steps: list[Any] = Field(min_length=1)
+
+
+class Include(YamlMapping):
+    """Run the `steps` of another file; its path is relative to the including file."""
+
+    file: str
+
+
+class Note(YamlMapping):
+    """Write a text into the journal."""
+
+    text: str = Field(min_length=1, max_length=2000)
+
+
+VERBS: dict[str, type[YamlMapping]] = {
+    "set_temperature": SetTemperature,
+    "ramp_temperature": RampTemperature,
+    "soak": Soak,
+    "set_rate": SetRate,
+    "settle": Settle,
+    "go_to_position": GoToPosition,
+    "dwell": Dwell,
+    "acquire": Acquire,
+    "sweep": Sweep,
+    "repeat": Repeat,
+    "include": Include,
+    "note": Note,
+}
+
+# The one value a verb needs most, so that 'set_rate: 10 deg/s' may be written for 'set_rate: {to: 10 deg/s}'.
+SHORT_FORM = {
+    "set_temperature": "to",
+    "set_rate": "to",
+    "go_to_position": "to",
+    "soak": "for",
+    "dwell": "for",
+    "include": "file",
+    "note": "text",
+}
+
+
+class Band(YamlMapping):
+    """A temperature range."""
+
+    from_degc: Temperature
+    to_degc: Temperature
+
+
+class Limits(YamlMapping):
+    """What this procedure may never ask for, checked before hour 0 beside the limits of the bench."""
+
+    temperature: Band | None = None
+    rate_dps: Rate | None = Field(default=None, gt=0)
+    ramp_degc_min: Slope | None = Field(default=None, gt=0)
+    duration_s: Time | None = Field(default=None, gt=0)
+
+
+class Quality(YamlMapping):
+    """When a point passes, is marginal (up to `fail_at` times the limit) or fails."""
+
+    lost_ppm: Ratio = Field(default=1000.0, ge=0)
+    outliers_ppm: Ratio = Field(default=5000.0, ge=0)
+    slope_degc_min: Slope = Field(default=0.05, gt=0)
+    rate_band_dps: Rate = Field(default=0.02, gt=0)
+    fail_at: float = Field(default=5.0, ge=1)
+
+
+class RandomSplit(YamlMapping):
+    """Rows drawn at random for training: a number of rows, or a share of them."""
+
+    train: int | None = Field(default=None, gt=0)
+    share: float | None = Field(default=None, gt=0, lt=1)
+    seed: int = 0
+
+    @model_validator(mode="after")
+    def _one_of_both(self) -> RandomSplit:
+        if (self.train is None) == (self.share is None):
+            raise ValueError("a random split needs either 'train' (rows) or 'share', e.g. train: 448")
+        return self
+
+
+class LeaveTemperaturesOut(YamlMapping):
+    """Whole temperature dwells held back, in so many folds; each row is judged once."""
+
+    folds: int = Field(default=6, ge=2)
+
+
+class Splits(YamlMapping):
+    """How held-back points are chosen; both are reported."""
+
+    random: RandomSplit = Field(default_factory=lambda: RandomSplit.model_validate({"share": 0.69}))
+    leave_temperatures_out: LeaveTemperaturesOut = Field(default_factory=LeaveTemperaturesOut)
+
+
+class AnalysisLimit(YamlMapping):
+    """A limit on the held-back error of a model; an unmeasured figure does not pass."""
+
+    model: Name
+    split: Literal["random", "leave_temperatures_out"] = "leave_temperatures_out"
+    max_abs_dps: Rate | None = Field(default=None, gt=0)
+    std_dps: Rate | None = Field(default=None, gt=0)
+
+    @model_validator(mode="after")
+    def _something_to_judge(self) -> AnalysisLimit:
+        if self.max_abs_dps is None and self.std_dps is None:
+            raise ValueError("a limit needs 'max_abs' or 'std', e.g. std: 0.03 deg/s")
+        return self
+
+
+class Analysis(YamlMapping):
+    """What is fitted to the points after the run, and what it must reach."""
+
+    models: list[Name] = Field(min_length=1)
+    inputs: list[Literal["dut_temperature", "rate"]] = Field(default=["dut_temperature", "rate"], min_length=1)
+    splits: Splits = Field(default_factory=Splits)
+    limits: list[AnalysisLimit] = Field(default_factory=list)
+    seed: int = 0
+
+
+class ProcedureHead(YamlMapping):
+    """A procedure: what to do, in steps, and how to judge the result."""
+
+    procedure: Name
+    title: str = ""
+    description: str = ""
+    raw: Literal["frames", "samples", "none"] = "frames"
+    limits: Limits = Field(default_factory=Limits)
+    quality: Quality = Field(default_factory=Quality)
+    steps: list[Any] = Field(min_length=1)
+    analysis: Analysis | None = None

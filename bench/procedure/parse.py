@@ -1,0 +1,135 @@
+"""Reads a procedure file and what it includes into a checked tree of steps; mistakes are collected, not thrown."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from bench.errors import InvalidFiles, Mark, Problem, did_you_mean
+from bench.fields import YamlMapping, validate
+from bench.procedure.language import SHORT_FORM, VERBS, Include, ProcedureHead
+from bench.yamlfile import Document, Path_, load_yaml
+
+MAX_INCLUDE_DEPTH = 8
+
+
+@dataclass(frozen=True)
+class StepNode:
+    """One step as written: its verb, checked arguments, place, and the steps inside it."""
+
+    verb: str
+    args: YamlMapping
+    mark: Mark
+    children: tuple[StepNode, ...] = ()
+
+
+@dataclass(frozen=True)
+class ParsedProcedure:
+    """A procedure file read and checked by itself; no bench and no expansion yet."""
+
+    head: ProcedureHead
+    steps: tuple[StepNode, ...]
+    document: Document
+    included: tuple[Path, ...] = field(default=())
+
+
+def parse_procedure(
+    path: Path, edit: Callable[[Document], Document] = lambda document: document, follow_includes: bool = True
+) -> tuple[ParsedProcedure | None, list[Problem]]:
+    """Read a procedure; `edit` may change the document first (--set). Returns what could be read and all mistakes."""
+    try:
+        document = edit(load_yaml(path))
+    except InvalidFiles as error:
+        return None, error.problems
+    reader = _Reader(follow_includes)
+    steps = tuple(reader.steps(document, ("steps",), path.parent, depth=0))
+    head = validate(ProcedureHead, document, (), reader.problems)
+    if head is None:
+        return None, reader.problems
+    return ParsedProcedure(head, steps, document, tuple(reader.included)), reader.problems
+
+
+class _Reader:
+    def __init__(self, follow_includes: bool) -> None:
+        self._follow_includes = follow_includes
+        self.problems: list[Problem] = []
+        self.included: list[Path] = []
+
+    def steps(self, document: Document, at: Path_, folder: Path, depth: int) -> Iterator[StepNode]:
+        items = _get(document.data, at)
+        if items is None:
+            return
+        if not isinstance(items, list):
+            self._say(document, at, "a list of steps is expected here, each starting with '- '")
+            return
+        for index, item in enumerate(items):
+            node = self._step(document, (*at, index), item, folder, depth)
+            if node is not None:
+                yield node
+
+    def _step(self, document: Document, at: Path_, item: Any, folder: Path, depth: int) -> StepNode | None:
+        if not isinstance(item, dict) or len(item) != 1:
+            self._say(document, at, f"a step is one verb with its arguments. Allowed verbs: {', '.join(VERBS)}")
+            return None
+        verb = next(iter(item))
+        here = (*at, verb)
+        if verb not in VERBS:
+            hint = did_you_mean(verb, VERBS)
+            self.problems.append(Problem(document.mark(here, key=True), f"step {at[-1]}: unknown verb '{verb}'.{hint}"))
+            return None
+        args = self._arguments(document, here, verb, item[verb])
+        children: tuple[StepNode, ...] = ()
+        if verb in ("sweep", "repeat") and isinstance(item[verb], dict):
+            children = tuple(self.steps(document, (*here, "steps"), folder, depth))
+        if isinstance(args, Include) and self._follow_includes:
+            children = self._include(document, here, folder / args.file, depth)
+        if args is None:
+            return None
+        return StepNode(verb, args, document.mark(here, key=True), children)
+
+    def _arguments(self, document: Document, here: Path_, verb: str, value: Any) -> YamlMapping | None:
+        if verb in SHORT_FORM and not isinstance(value, dict):
+            key = SHORT_FORM[verb]
+            document = _with_long_form(document, here, key)
+        return validate(VERBS[verb], document, here, self.problems)
+
+    def _include(self, document: Document, here: Path_, path: Path, depth: int) -> tuple[StepNode, ...]:
+        if depth >= MAX_INCLUDE_DEPTH:
+            self._say(document, here, f"includes nest deeper than {MAX_INCLUDE_DEPTH}. Does a file include itself?")
+            return ()
+        try:
+            inner = load_yaml(path)
+        except InvalidFiles as error:
+            self.problems.extend(Problem(document.mark(here), str(problem)) for problem in error.problems)
+            return ()
+        self.included.append(path)
+        extra = set(inner.data) - {"steps"} if isinstance(inner.data, dict) else {"?"}
+        if extra or not isinstance(inner.data, dict) or "steps" not in inner.data:
+            self.problems.append(
+                Problem(inner.mark(()), "an included file holds one key, 'steps', with a list of steps.")
+            )
+            return ()
+        return tuple(self.steps(inner, ("steps",), path.parent, depth + 1))
+
+    def _say(self, document: Document, at: Path_, message: str) -> None:
+        self.problems.append(Problem(document.mark(at), f"{message}."))
+
+
+def _get(data: Any, path: Sequence[str | int]) -> Any:
+    for part in path:
+        try:
+            data = data[part]
+        except (KeyError, IndexError, TypeError):
+            return None
+    return data
+
+
+def _with_long_form(document: Document, here: Path_, key: str) -> Document:
+    """The document with `verb: value` at `here` seen as `verb: {key: value}`."""
+    value = _get(document.data, here)
+    data: Any = {key: value}
+    for part in reversed(here):
+        data = {part: data}
+    return Document(document.file, data, {**document.values, (*here, key): document.mark(here)}, document.keys)

@@ -1,0 +1,185 @@
+"""From the tree of steps to the flat, numbered plan that the engine runs, the journal names and a resume counts."""
+
+from __future__ import annotations
+
+import math
+import random
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from bench.errors import Mark, Problem
+from bench.fields import YamlMapping
+from bench.procedure.language import (
+    Acquire,
+    GoToPosition,
+    PositionRange,
+    RampTemperature,
+    RateRange,
+    Repeat,
+    SetRate,
+    SetTemperature,
+    Sweep,
+    TemperatureRange,
+)
+from bench.procedure.parse import StepNode
+
+MAX_STEPS = 500_000
+
+
+@dataclass(frozen=True)
+class PlannedStep:
+    """One step of the plan, with the conditions that hold when it begins.
+
+    `dwell` counts the temperatures visited (0 before the first), `point` the acquisitions (None for other verbs).
+    """
+
+    number: int
+    verb: str
+    args: YamlMapping
+    mark: Mark
+    dwell: int
+    temperature_degc: float | None
+    rate_dps: float | None
+    point: int | None = None
+
+
+@dataclass
+class _State:
+    plan: list[PlannedStep] = field(default_factory=list)
+    problems: list[Problem] = field(default_factory=list)
+    temperature_degc: float | None = None
+    rate_dps: float | None = None
+    dwell: int = 0
+    points: int = 0
+    entered: dict[int, int] = field(default_factory=dict)
+
+    def add(self, verb: str, args: YamlMapping, mark: Mark) -> None:
+        if isinstance(args, SetTemperature | RampTemperature):
+            self.temperature_degc = args.to_degc
+            self.dwell += 1
+        elif isinstance(args, SetRate):
+            self.rate_dps = args.to_dps
+        elif isinstance(args, GoToPosition):
+            self.rate_dps = 0.0
+        point = None
+        if isinstance(args, Acquire):
+            self.points += 1
+            point = self.points
+        step = PlannedStep(
+            len(self.plan) + 1, verb, args, mark, self.dwell, self.temperature_degc, self.rate_dps, point
+        )
+        self.plan.append(step)
+
+
+class _TooLong(Exception):
+    pass
+
+
+def expand(steps: Sequence[StepNode]) -> tuple[list[PlannedStep], list[Problem]]:
+    """Expand sweeps, repeats and includes; malformed sweeps come back as problems."""
+    state = _State()
+    try:
+        _expand(steps, state)
+    except _TooLong:
+        message = f"the procedure has more than {MAX_STEPS} steps. Are the sweeps and repeats nested as meant?"
+        state.problems.append(Problem(steps[0].mark, message))
+    return state.plan, state.problems
+
+
+def _expand(steps: Sequence[StepNode], state: _State) -> None:
+    for node in steps:
+        if len(state.plan) > MAX_STEPS:
+            raise _TooLong
+        if isinstance(node.args, Sweep):
+            _expand_sweep(node, node.args, state)
+        elif isinstance(node.args, Repeat):
+            for _ in range(node.args.times if node.children else 0):
+                _expand(node.children, state)
+        elif node.verb == "include":
+            _expand(node.children, state)
+        else:
+            state.add(node.verb, node.args, node.mark)
+
+
+def _expand_sweep(node: StepNode, sweep: Sweep, state: _State) -> None:
+    try:
+        values = sweep_values(sweep)
+    except ValueError as error:
+        state.problems.append(Problem(node.mark, f"sweep: {error}."))
+        return
+    visits = state.entered.get(id(node), 0)
+    state.entered[id(node)] = visits + 1
+    for value in _ordered(values, sweep, visits):
+        verb, args = _visit(sweep, value)
+        state.add(verb, args, node.mark)
+        _expand(node.children, state)
+
+
+def _visit(sweep: Sweep, value: float) -> tuple[str, YamlMapping]:
+    """The step that brings the bench to one value of the sweep."""
+    if sweep.rate is not None:
+        return "set_rate", SetRate.model_construct(to_dps=value)
+    if sweep.position is not None:
+        return "go_to_position", GoToPosition.model_construct(to_deg=value)
+    common: dict[str, Any] = {"to_degc": value, "band_k": sweep.band_k, "timeout_s": sweep.timeout_s}
+    if sweep.ramp_degc_min is None:
+        return "set_temperature", SetTemperature.model_construct(**common)
+    return "ramp_temperature", RampTemperature.model_construct(rate_degc_min=sweep.ramp_degc_min, **common)
+
+
+def sweep_values(sweep: Sweep) -> list[float]:
+    """The values of a sweep as written, before ordering. Raises ValueError for a range that is malformed."""
+    if isinstance(sweep.temperature, TemperatureRange):
+        spec = sweep.temperature
+        return _range(spec.from_degc, spec.to_degc, spec.step_k, "degC", "K")
+    if isinstance(sweep.rate, RateRange):
+        values = _range(sweep.rate.from_dps, sweep.rate.to_dps, sweep.rate.step_dps, "deg/s", "deg/s")
+        return _without(values, sweep.rate.without_dps)
+    if isinstance(sweep.position, PositionRange):
+        turn = sweep.position
+        return _range(turn.from_deg, turn.to_deg, turn.step_deg, "deg", "deg")
+    listed: list[float] = list(sweep.temperature or sweep.rate or sweep.position or [])
+    if not listed:
+        raise ValueError("the list of values is empty")
+    return listed
+
+
+def _range(start: float, end: float, step: float, unit: str, step_unit: str) -> list[float]:
+    if end < start:
+        raise ValueError(
+            f"'from' ({start:g} {unit}) is above 'to' ({end:g} {unit}); write them upwards with order: down"
+        )
+    steps = (end - start) / step
+    count = round(steps)
+    if count >= MAX_STEPS:
+        raise ValueError(f"a step of {step:g} {step_unit} gives more than {MAX_STEPS} values")
+    if abs(steps - count) > 1e-6:
+        last = start + math.floor(steps) * step
+        raise ValueError(
+            f"steps of {step:g} {step_unit} from {start:g} {unit} do not end on {end:g} {unit}: they reach {last:g}, "
+            f"then {last + step:g}. Choose a step that divides {end - start:g} {step_unit}, or to: {last:g} {unit}"
+        )
+    # Rounded so that 0.1-steps visit 0.3 and not 0.30000000000000004 (setpoints are keys in the record).
+    return [round(start + index * step, 9) + 0.0 for index in range(count + 1)]
+
+
+def _without(values: list[float], unwanted: list[float]) -> list[float]:
+    kept = [value for value in values if not any(abs(value - u) < 1e-9 for u in unwanted)]
+    missing = [u for u in unwanted if not any(abs(value - u) < 1e-9 for value in values)]
+    if missing:
+        raise ValueError(f"'without' names {missing[0]:g}, which the range does not visit")
+    if not kept:
+        raise ValueError("'without' leaves no value")
+    return kept
+
+
+def _ordered(values: list[float], sweep: Sweep, visits: int) -> Iterator[float]:
+    if sweep.order is None:
+        return iter(values)
+    ascending = sorted(values)
+    if sweep.order == "random":
+        random.Random(f"{sweep.seed}/{visits}").shuffle(ascending)
+    elif sweep.order == "down" or (sweep.order == "alternate" and visits % 2):
+        ascending.reverse()
+    return iter(ascending)

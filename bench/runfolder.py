@@ -1,0 +1,96 @@
+"""The run folder: where everything about one run is written, and nothing half."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shutil
+from pathlib import Path
+from typing import Any
+
+from bench.errors import UserMistake
+
+RUN_ID = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,127}")
+
+
+def check_run_id(run_id: str) -> None:
+    """Raise UserMistake if `run_id` cannot name a folder."""
+    if not RUN_ID.fullmatch(run_id) or run_id.endswith("."):
+        raise UserMistake(
+            f"--run-id '{run_id}' cannot name a run. Allowed: letters, digits, '.', '_' and '-', starting with a "
+            "letter or digit, at most 128 characters. Choose another, or leave it out to get one by itself."
+        )
+
+
+def new_run_folder(results: Path, run_id: str) -> Path:
+    """Where run `run_id` will live; it must not exist yet and `results` must be writable. Raises UserMistake."""
+    check_run_id(run_id)
+    folder = results / run_id
+    if folder.exists():
+        raise UserMistake(
+            f"the run '{run_id}' already exists in {results}. A run is never overwritten: choose another --run-id, or "
+            f"look at it with: fogbench report {folder}"
+        )
+    existing = next(path for path in (results, *results.absolute().parents) if path.exists())
+    if not existing.is_dir() or not os.access(existing, os.W_OK | os.X_OK):
+        raise UserMistake(
+            f"{results}: results cannot be written here ({existing} is not a writable folder). Choose another folder "
+            "with --results, or change its permissions. Nothing was started."
+        )
+    return folder
+
+
+def find_run(run: str, results: Path) -> Path:
+    """The folder of a run given as a folder or a run id. Raises UserMistake."""
+    folder = Path(run)
+    if not (folder / "journal.jsonl").is_file():
+        folder = results / run
+    if RUN_ID.fullmatch(Path(run).name) and (folder / "journal.jsonl").is_file():
+        return folder
+    known = sorted(path.parent.name for path in results.glob("*/journal.jsonl")) if results.is_dir() else []
+    shown = f" Runs in {results}: {', '.join(known[-8:])}." if known else f" There are no runs in {results}."
+    raise UserMistake(f"'{run}' is neither a run folder nor a run id.{shown} See: fogbench list")
+
+
+def write_atomic(path: Path, data: bytes) -> None:
+    """Write a file whole or not at all, durably. Raises OSError."""
+    temporary = path.with_name(path.name + ".tmp")
+    with temporary.open("wb") as file:
+        file.write(data)
+        file.flush()
+        os.fsync(file.fileno())
+    temporary.replace(path)
+    sync_folder(path.parent)
+
+
+def write_json(path: Path, value: Any) -> None:
+    """Write JSON whole or not at all; NaN becomes null. Raises OSError."""
+    text = json.dumps(_finite(value), indent=1, ensure_ascii=False, allow_nan=False)
+    write_atomic(path, text.encode() + b"\n")
+
+
+def sync_folder(folder: Path) -> None:
+    """Make renames in a folder durable."""
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def copy_into(folder: Path, name: str, source: Path) -> None:
+    """Copy a file into the run folder under `name`."""
+    target = folder / name
+    target.parent.mkdir(parents=True, exist_ok=True)
+    shutil.copyfile(source, target)
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _finite(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(item) for item in value]
+    if isinstance(value, float) and value - value != 0.0:
+        return None
+    return value

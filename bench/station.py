@@ -1,0 +1,138 @@
+"""The opened bench: drivers on their ports, and the first words with each instrument."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+from bench.benchfile import Bench, CanPort, Instrument
+from bench.clock import Clock
+from bench.errors import BenchFailure
+from drivers.can_ports import open_can, open_can_source
+from drivers.codecs.batch import FrameBatch
+from drivers.codecs.counters import Losses
+from drivers.errors import DriverError
+from drivers.ports import open_byte_source, open_serial
+
+FIRST_FRAME_TIMEOUT_S = 5.0
+FIRST_FRAME_POLL_S = 0.2
+
+
+class Chamber(Protocol):
+    """What the engine asks of a temperature chamber."""
+
+    def identify(self) -> str: ...
+    def temperature_degc(self) -> float: ...
+    def setpoint_degc(self) -> float: ...
+    def set_setpoint_degc(self, value: float) -> None: ...
+    def set_ramp_degc_min(self, rate: float | None) -> None: ...
+    def limits_degc(self) -> tuple[float, float]: ...
+    def alarm(self) -> str | None: ...
+
+
+class RateTable(Protocol):
+    """What the engine asks of a rate table."""
+
+    def identify(self) -> str: ...
+    def energise(self) -> None: ...
+    def release(self) -> None: ...
+    def set_rate_dps(self, value: float) -> None: ...
+    def rate_dps(self) -> float: ...
+    def go_to_deg(self, value: float) -> None: ...
+    def position_deg(self) -> float: ...
+    def stop(self) -> None: ...
+    def fault(self) -> str | None: ...
+
+
+class Gyro(Protocol):
+    """What the engine asks of a DUT: a stream of frames."""
+
+    data_rate_hz: float
+    losses: Losses
+
+    def take(self) -> FrameBatch: ...
+    def discard(self) -> None: ...
+    def describe(self) -> str: ...
+    def complaint(self) -> str | None: ...
+    def meaning(self) -> dict[str, Any]: ...
+
+
+@dataclass
+class Station:
+    """Opened drivers by role; `close` gives the ports back."""
+
+    chamber: Chamber | None = None
+    table: RateTable | None = None
+    gyros: dict[str, Gyro] = field(default_factory=dict)
+    identities: dict[str, str] = field(default_factory=dict)
+    closers: list[Callable[[], None]] = field(default_factory=list)
+
+    def close(self) -> None:
+        """Close every port; one that fails does not keep the others open."""
+        while self.closers:
+            try:
+                self.closers.pop()()
+            except (OSError, DriverError):
+                continue
+
+
+def open_station(bench: Bench, clock: Clock) -> Station:
+    """Open all ports of a bench and hear from every instrument. Raises BenchFailure; nothing stays open then."""
+    station = Station()
+    try:
+        for instrument in bench.instruments:
+            _open(station, instrument, clock)
+        _identify(station, bench)
+        _hear_gyros(station, clock)
+    except DriverError as error:
+        station.close()
+        raise BenchFailure(str(error)) from error
+    except BaseException:
+        station.close()
+        raise
+    return station
+
+
+def _open(station: Station, instrument: Instrument, clock: Clock) -> None:
+    settings, port = instrument.settings, instrument.port
+    source: Any
+    if instrument.role == "dut":
+        if isinstance(port, CanPort):
+            bus = open_can(port.interface, port.channel, port.bitrate, None)
+            source = open_can_source(bus, clock.now)
+        else:
+            source = open_byte_source(open_serial(port, settings.baud, 0.0), clock.now)
+        station.closers.append(source.close)
+        station.gyros[instrument.name] = instrument.driver_class(source, settings)
+        return
+    assert isinstance(port, str)
+    opened = open_serial(port, settings.baud, settings.reply_timeout_s)
+    station.closers.append(opened.close)
+    driver = instrument.driver_class(opened, settings)
+    if instrument.role == "chamber":
+        station.chamber = driver
+    else:
+        station.table = driver
+
+
+def _identify(station: Station, bench: Bench) -> None:
+    if station.chamber and bench.chamber:
+        station.identities[bench.chamber.name] = station.chamber.identify()
+    if station.table and bench.rate_table:
+        station.identities[bench.rate_table.name] = station.table.identify()
+
+
+def _hear_gyros(station: Station, clock: Clock) -> None:
+    """Wait until every DUT has sent a valid frame."""
+    silent = dict(station.gyros)
+    for gyro in silent.values():
+        gyro.discard()
+    deadline = clock.now() + FIRST_FRAME_TIMEOUT_S
+    while silent and clock.now() < deadline:
+        clock.wait(FIRST_FRAME_POLL_S)
+        silent = {name: gyro for name, gyro in silent.items() if len(gyro.take().index) == 0}
+    for name, gyro in silent.items():
+        heard = gyro.complaint() or "nothing was received. Is the gyro powered and is the baud rate right?"
+        raise BenchFailure(f"{name}: {gyro.describe()}: no valid frame within {FIRST_FRAME_TIMEOUT_S:g} s; {heard}")
+    station.identities.update({name: gyro.describe() for name, gyro in station.gyros.items()})

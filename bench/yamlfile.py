@@ -1,0 +1,185 @@
+"""YAML read safely, every value with the place it came from.
+
+Only plain data is accepted: no anchors or aliases (a seven-line alias bomb stalls a walking reader for seconds), no
+tags, no duplicate keys (pyyaml keeps the last one silently), bounded size and depth. Scalars follow the YAML 1.2 core
+schema: `on` and `no` are words, `1:30` and `010` are text, `1e3` is a number.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import yaml
+from yaml.events import (
+    AliasEvent,
+    DocumentStartEvent,
+    Event,
+    MappingEndEvent,
+    MappingStartEvent,
+    ScalarEvent,
+    SequenceEndEvent,
+    SequenceStartEvent,
+    StreamEndEvent,
+)
+
+from bench.errors import InvalidFiles, Mark, Problem
+
+MAX_BYTES = 1_000_000
+MAX_DEPTH = 40
+MAX_NODES = 100_000
+
+Path_ = tuple[str | int, ...]
+
+_INT = re.compile(r"[+-]?(0|[1-9]\d*)")
+_FLOAT = re.compile(r"[+-]?(\d+\.\d*|\.\d+|\d+)([eE][+-]?\d+)?")
+_SPECIAL_FLOAT = re.compile(r"[+-]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)")
+_WORDS: dict[str, Any] = {"": None, "~": None, "null": None, "true": True, "false": False}
+
+
+@dataclass(frozen=True)
+class Document:
+    """YAML data and the mark of every key and value, by path from the root."""
+
+    file: str
+    data: Any
+    values: dict[Path_, Mark] = field(default_factory=dict)
+    keys: dict[Path_, Mark] = field(default_factory=dict)
+
+    def mark(self, path: Path_, key: bool = False) -> Mark:
+        """The mark of `path` or of its nearest known parent; of the key rather than the value if `key`."""
+        if key and path in self.keys:
+            return self.keys[path]
+        for end in range(len(path), -1, -1):
+            if path[:end] in self.values:
+                return self.values[path[:end]]
+        return Mark(self.file)
+
+
+class _Refused(Exception):
+    def __init__(self, mark: Mark, message: str) -> None:
+        self.problem = Problem(mark, message)
+
+
+def load_yaml(path: Path, name: str | None = None) -> Document:
+    """Read `path`; `name` is what messages call it. Raises InvalidFiles."""
+    shown = name or str(path)
+    try:
+        size = path.stat().st_size
+        raw = path.read_bytes() if size <= MAX_BYTES else b""
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise InvalidFiles(
+            [Problem(Mark(shown), f"cannot be read: {reason}. Check the path and its permissions.")]
+        ) from error
+    if size > MAX_BYTES:
+        raise InvalidFiles(
+            [Problem(Mark(shown), f"has {size} bytes; at most {MAX_BYTES} are read. Is this the right file?")]
+        )
+    try:
+        return parse_yaml(raw.decode("utf-8"), shown)
+    except UnicodeDecodeError as error:
+        message = f"is not UTF-8 text (byte {error.start}). Save the file as UTF-8."
+        raise InvalidFiles([Problem(Mark(shown), message)]) from error
+
+
+def parse_yaml(text: str, name: str) -> Document:
+    """Parse YAML text; see the module for what is refused. Raises InvalidFiles."""
+    try:
+        return _Builder(text, name).document()
+    except _Refused as refused:
+        raise InvalidFiles([refused.problem]) from None
+    except yaml.MarkedYAMLError as error:
+        place = error.problem_mark or error.context_mark
+        mark = Mark(name, place.line + 1, place.column + 1) if place else Mark(name)
+        detail = " ".join(part for part in (error.context, error.problem) if part)
+        raise InvalidFiles([Problem(mark, f"is not YAML: {detail}.")]) from None
+    except yaml.YAMLError as error:
+        raise InvalidFiles([Problem(Mark(name), f"is not YAML: {error}.")]) from None
+
+
+class _Builder:
+    """Builds data from parser events, so that marks, anchors, tags and duplicates are all seen."""
+
+    def __init__(self, text: str, name: str) -> None:
+        loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+        self._events = iter(yaml.parse(text, Loader=loader))
+        self._name = name
+        self._nodes = 0
+        self._values: dict[Path_, Mark] = {}
+        self._keys: dict[Path_, Mark] = {}
+
+    def document(self) -> Document:
+        data: Any = None
+        documents = 0
+        for event in self._events:
+            if isinstance(event, DocumentStartEvent):
+                documents += 1
+                if documents > 1:
+                    raise _Refused(self._mark(event), "a second document starts here. Allowed: one document per file.")
+                data = self._node(next(self._events), ())
+            elif isinstance(event, StreamEndEvent):
+                break
+        return Document(self._name, data, self._values, self._keys)
+
+    def _mark(self, event: Event) -> Mark:
+        start = event.start_mark
+        return Mark(self._name, start.line + 1, start.column + 1) if start else Mark(self._name)
+
+    def _node(self, event: Event, path: Path_) -> Any:
+        mark = self._mark(event)
+        self._nodes += 1
+        if self._nodes > MAX_NODES or len(path) > MAX_DEPTH:
+            raise _Refused(
+                mark, f"too large: more than {MAX_NODES} values or {MAX_DEPTH} levels. Use sweeps and includes."
+            )
+        if isinstance(event, AliasEvent) or getattr(event, "anchor", None):
+            raise _Refused(mark, "anchors (&) and aliases (*) are not read. Write the value out, or use include.")
+        if tag := getattr(event, "tag", None):
+            raise _Refused(mark, f"the tag {tag} is not read. Allowed: plain text, numbers, true/false, null.")
+        self._values[path] = mark
+        if isinstance(event, MappingStartEvent):
+            return self._mapping(path)
+        if isinstance(event, SequenceStartEvent):
+            return self._sequence(path)
+        assert isinstance(event, ScalarEvent)
+        return _scalar(event) if event.implicit[0] else event.value
+
+    def _sequence(self, path: Path_) -> list[Any]:
+        items: list[Any] = []
+        while not isinstance(event := next(self._events), SequenceEndEvent):
+            items.append(self._node(event, (*path, len(items))))
+        return items
+
+    def _mapping(self, path: Path_) -> dict[str, Any]:
+        result: dict[str, Any] = {}
+        while not isinstance(event := next(self._events), MappingEndEvent):
+            mark = self._mark(event)
+            if not isinstance(event, ScalarEvent):
+                raise _Refused(mark, "a key must be plain text.")
+            key = event.value
+            if getattr(event, "anchor", None) or event.tag:
+                raise _Refused(mark, "anchors and tags are not read. Write plain keys.")
+            if key == "<<":
+                raise _Refused(mark, "merge keys (<<) are not read. Write the keys out.")
+            if key in result:
+                first = self._keys[(*path, key)]
+                raise _Refused(mark, f"the key '{key}' stands twice (first in line {first.line}). Remove one of them.")
+            self._keys[(*path, key)] = mark
+            result[key] = self._node(next(self._events), (*path, key))
+        return result
+
+
+def _scalar(event: ScalarEvent) -> Any:
+    text = event.value
+    if text in _WORDS:
+        return _WORDS[text]
+    if _INT.fullmatch(text) and len(text) < 20:
+        return int(text)
+    if _SPECIAL_FLOAT.fullmatch(text):
+        return float(text.replace(".", "", 1))
+    if _FLOAT.fullmatch(text) and not re.fullmatch(r"[+-]?0\d+", text):
+        return float(text)
+    return text
