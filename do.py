@@ -1,8 +1,12 @@
 #!/usr/bin/env python3
-"""python3 do.py campaign · test · bench: sets up .venv with what the project needs, then runs. Standard library only."""
+"""python3 do.py campaign · test · bench: sets up .venv with what the project needs, then runs.
+
+Standard library only, so that a machine needs nothing but Python.
+"""
 
 import hashlib
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -52,7 +56,13 @@ def set_up(extra: str) -> None:
 
 def run(*command: str) -> int:
     """Run a program of the environment from the project's folder; its exit status."""
-    return subprocess.run([str(BIN / command[0]), *command[1:]], cwd=ROOT, check=False).returncode
+    process = subprocess.Popen([str(BIN / command[0]), *command[1:]], cwd=ROOT)
+    # Ctrl-C reaches the program too; it must have the time to leave the bench safe.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        return process.wait()
+    finally:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def campaign(arguments: list[str]) -> int:
