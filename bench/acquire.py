@@ -5,21 +5,19 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
-from typing import TYPE_CHECKING, Any, Literal, Protocol, cast
+from typing import Any, Literal, cast
 
 import numpy as np
 
+from bench.engine import Engine
 from bench.points import point_row
 from bench.procedure.language import Acquire, Quality
 from bench.procedure.plan import PlannedStep
 from bench.rawstore import RawFile
 from bench.reduction import Samples, point_statistics, to_samples
+from bench.station import Gyro
 from drivers.codecs.batch import FrameBatch
 from drivers.codecs.counters import Losses
-
-if TYPE_CHECKING:
-    from bench.engine import Engine
-    from bench.station import Gyro
 
 # Readbacks during an acquisition, and the block in which frames are decoded: large enough for whole numpy batches,
 # small enough to stay in a core's cache.
@@ -31,23 +29,12 @@ LATE_S = 2.0
 RawMode = Literal["frames", "samples", "none"]
 
 
-class Acquirer(Protocol):
-    """How the acquire verb is carried out: for a record, or for a rehearsal that only lets the time pass."""
-
-    def acquire(self, engine: Engine, step: PlannedStep) -> None:
-        """Carry out one acquire step."""
-        ...
-
-
 class RehearsedAcquirer:
-    """Lets an acquisition take its time, with readbacks and without frames: for dry runs."""
+    """Lets an acquisition take its time without frames: for dry runs."""
 
     def acquire(self, engine: Engine, step: PlannedStep) -> None:
-        remaining = cast(Acquire, step.args).duration_s
-        while remaining > 0:
-            engine.clock.wait(min(remaining, SLICE_S))
-            engine.poll()
-            remaining -= SLICE_S
+        engine.clock.wait(cast(Acquire, step.args).duration_s)
+        engine.poll()
 
 
 @dataclass
@@ -138,7 +125,6 @@ class RecordingAcquirer:
             )
             engine.log.append("point", ended_s, row=row)
             self._keep_raw(step, dut, recording, frames, samples, began_s, args)
-        engine.log.commit()
 
     def _begin(self, engine: Engine, args: Acquire) -> dict[str, _Recording]:
         recordings = {}
@@ -191,7 +177,7 @@ class RecordingAcquirer:
             "take": args.take,
             "source": recording.gyro.describe(),
             "data_rate_hz": recording.gyro.data_rate_hz,
-            "meaning": recording.gyro.meaning(),
+            "quantities": {name: asdict(law) for name, law in recording.gyro.quantities.items()},
         }
         self._store(RawFile(f"p{step.point:05d}-{dut}.parquet", columns, metadata))
 

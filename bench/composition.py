@@ -6,19 +6,28 @@ import dataclasses
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from pydantic import BaseModel
 
 from bench.benchfile import SIMULATED_CAN, Bench, CanPort, Instrument
 from bench.clock import Clock, VirtualClock, WallClock
-from bench.errors import FogbenchError, Problem, did_you_mean
+from bench.errors import BenchFailure, InvalidFiles, Problem, did_you_mean
 from bench.fields import model_of, validate, validate_dataclass
 from bench.station import Station, open_station
 from bench.yamlfile import Path_
-from simulated_hw.physics.gyro_parameters import GYRO_CLASSES, GyroParameters, gyro_class
-from simulated_hw.physics.parameters import ChamberParameters, SiteParameters, TableParameters
-from simulated_hw.world import InstrumentSpec, World, WorldSpec
+from simulated_hw.world import (
+    GYRO_CLASSES,
+    ChamberParameters,
+    GyroParameters,
+    InstrumentSpec,
+    SiteParameters,
+    TableParameters,
+    World,
+    WorldError,
+    WorldSpec,
+    gyro_class,
+)
 
 # Frames per second of a rehearsed gyro: the engine's waits and the wire are the same, the frames a hundredth.
 REHEARSED_RATE_HZ = 1.0
@@ -83,25 +92,32 @@ def _rehearsed(item: Instrument) -> Instrument:
 
 @contextmanager
 def _simulated(bench: Bench, seed: int, truth_dir: Path | None) -> Iterator[tuple[Station, Clock]]:
-    with World(_world_spec(bench, seed), truth_dir) as world:
+    world = World(_world_spec(bench, seed), truth_dir)
+    try:
+        world.open()
+    except (WorldError, OSError) as error:
+        raise BenchFailure(f"the virtual bench cannot be built: {error}") from error
+    try:
         clock = VirtualClock(world.env)
         station = open_station(bench, clock)
         try:
             yield station, clock
         finally:
             station.close()
+    finally:
+        world.close()
 
 
 def _world_spec(bench: Bench, seed: int) -> WorldSpec:
     problems: list[Problem] = []
     parameters = _parameters(bench, problems)
     if parameters is None:
-        raise FogbenchError("\n".join(map(str, problems)))
+        raise InvalidFiles(problems)
     chamber, table, gyros = parameters
     return WorldSpec(
         seed=seed,
-        chamber=bench.chamber and _spec(bench.chamber),
-        rate_table=bench.rate_table and _spec(bench.rate_table),
+        chamber=_spec(bench.chamber) if bench.chamber else None,
+        rate_table=_spec(bench.rate_table) if bench.rate_table else None,
         duts={serial: _spec(item) for serial, item in bench.duts.items()},
         site=SiteParameters(bench.file.site.latitude_deg),
         chamber_parameters=chamber,
@@ -140,16 +156,15 @@ def _parameters(bench: Bench, problems: list[Problem]) -> Parameters | None:
 
 
 def _section(bench: Bench, path: Path_, declared: Callable[[], Any], problems: list[Problem]) -> Any:
-    if bench.file.simulation.get(path[-1]) is None:
+    if bench.file.simulation.get(str(path[-1])) is None:
         return declared()
     return validate_dataclass(declared, bench.document, path, problems)  # type: ignore[arg-type]
 
 
 def _gyro(bench: Bench, serial: str, given: bool, problems: list[Problem]) -> GyroParameters | None:
     """Parameters of one simulated gyro: those of its class, changed where the bench file says so."""
-    data_rate_hz = bench.duts[serial].settings.data_rate_hz
     if not given:
-        return dataclasses.replace(gyro_class(DEFAULT_GYRO_CLASS), data_rate_hz=data_rate_hz)
+        return gyro_class(DEFAULT_GYRO_CLASS)
     path: Path_ = ("simulation", "duts", serial)
     document = bench.document
     written = document.data["simulation"]["duts"][serial]
@@ -164,13 +179,10 @@ def _gyro(bench: Bench, serial: str, given: bool, problems: list[Problem]) -> Gy
     if values is None:
         return None
     try:
-        changed = _changed(gyro_class(name), values)
+        return _changed(gyro_class(name), values)
     except ValueError as error:
         problems.append(Problem(document.mark(path), f"{error}."))
         return None
-    if "data_rate_hz" not in values.model_fields_set:
-        changed = dataclasses.replace(changed, data_rate_hz=data_rate_hz)
-    return changed
 
 
 def _without_class(document: Any, serial: str) -> Any:
@@ -179,14 +191,18 @@ def _without_class(document: Any, serial: str) -> Any:
     return dataclasses.replace(document, data={"simulation": {"duts": {serial: kept}}})
 
 
-def _changed(preset: Any, values: BaseModel) -> Any:
+def _changed(preset: GyroParameters, values: BaseModel) -> GyroParameters:
+    return cast(GyroParameters, _replaced(preset, values))
+
+
+def _replaced(preset: Any, values: BaseModel) -> Any:
     """The preset with the fields that were written replaced, nested ones field by field."""
     changes: dict[str, Any] = {}
     for name in values.model_fields_set:
         value = getattr(values, name)
         old = getattr(preset, name)
         if isinstance(value, BaseModel):
-            changes[name] = _changed(old, value)
+            changes[name] = _replaced(old, value)
         else:
             changes[name] = tuple(value) if isinstance(value, list) else value
     return dataclasses.replace(preset, **changes)

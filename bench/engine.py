@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -19,12 +19,10 @@ from bench.station import Gyro, Station
 from drivers.codecs.batch import FrameBatch
 from drivers.errors import DriverError
 
-if TYPE_CHECKING:
-    from bench.acquire import Acquirer
-
 # How often readbacks are taken while waiting. Every frame received in between is decoded, so this is also the largest
 # block but one that a reader buffer has to hold.
 WATCH_PERIOD_S = 20.0
+REHEARSED_WATCH_PERIOD_S = 120.0
 # DUT temperatures kept for the slope condition of a soak.
 HISTORY_S = 4 * 3600.0
 
@@ -55,16 +53,26 @@ class Progress:
 Listener = Callable[[Progress], None]
 
 
+class Acquirer(Protocol):
+    """How the acquire verb is carried out: for a record, or for a rehearsal that only lets the time pass."""
+
+    def acquire(self, engine: Engine, step: PlannedStep) -> None:
+        """Carry out one acquire step."""
+        ...
+
+
 @dataclass
 class Engine:
-    """The state of one execution of a plan. Steps are functions of it (`bench.steps`)."""
+    """The state of one execution of a plan. Steps are functions of it: `steps` has one for each verb."""
 
+    steps: Mapping[str, Callable[[Engine, PlannedStep], None]]
     bench: Bench
     station: Station
     clock: Clock
     log: Log
     acquirer: Acquirer
     listener: Listener = lambda progress: None
+    watch_period_s: float = WATCH_PERIOD_S
     readbacks: Readbacks = field(default_factory=Readbacks)
     history: dict[str, deque[tuple[float, float]]] = field(default_factory=dict)
     _step: PlannedStep | None = None
@@ -72,15 +80,13 @@ class Engine:
 
     def run(self, plan: Sequence[PlannedStep]) -> None:
         """Run every step. Raises BenchFailure with the step's place if an instrument or a deadline fails."""
-        from bench.steps import STEPS
-
         self._steps = len(plan)
         for step in plan:
             self._step = step
             self.log.append("step", self.clock.now(), step=step.number, verb=step.verb, at=str(step.mark))
             self.log.commit()
             try:
-                STEPS[step.verb](self, step)
+                self.steps[step.verb](self, step)
             except DriverError as error:
                 raise BenchFailure(f"step {step.number} '{step.verb}' ({step.mark}): {error}") from error
             self.log.append("done", self.clock.now(), step=step.number)
@@ -95,7 +101,7 @@ class Engine:
         """Wait, taking readbacks on the way."""
         end = self.clock.now() + seconds
         while (left := end - self.clock.now()) > 1e-9:
-            self.clock.wait(min(left, WATCH_PERIOD_S))
+            self.clock.wait(min(left, self.watch_period_s))
             self.poll()
 
     def poll(self) -> Readbacks:
@@ -137,7 +143,7 @@ class Engine:
         since = self.clock.now() - over_s
         slopes: dict[str, float] = {}
         for name in self.station.gyros:
-            seen = np.array([pair for pair in self.history.get(name, ()) if pair[0] >= since - WATCH_PERIOD_S])
+            seen = np.array([pair for pair in self.history.get(name, ()) if pair[0] >= since - self.watch_period_s])
             if len(seen) < 3 or seen[-1, 0] - seen[0, 0] < over_s * 0.9:
                 return None
             slopes[name] = slope(seen[:, 0] / 60.0, seen[:, 1])

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import re
 import types
 import typing
 from typing import Annotated, Any, TypeVar, Union
@@ -24,7 +25,8 @@ from pydantic import (
 )
 from pydantic_core import CoreSchema, core_schema
 
-from bench.errors import Mark, Problem, did_you_mean
+from bench.errors import Problem
+from bench.mistakes import keys_of, problems_of, sentence
 from bench.units import DIMENSIONS, parse_quantity, split_suffix
 from bench.yamlfile import Document, Path_
 
@@ -117,13 +119,13 @@ def validate(model: type[Model], document: Document, path: Path_, problems: list
     for part in path:
         data = data[part]
     if not isinstance(data, dict):
-        allowed = ", ".join(_keys(model))
+        allowed = ", ".join(keys_of(model))
         problems.append(Problem(document.mark(path), f"a mapping is expected here. Allowed keys: {allowed}."))
         return None
     try:
         return model.model_validate(data)
     except ValidationError as error:
-        problems.extend(_problem(model, document, path, dict(item)) for item in error.errors())
+        problems.extend(problems_of(model, document, path, error.errors(include_url=False)))
         return None
 
 
@@ -135,69 +137,13 @@ def validate_dataclass(declared: type, document: Document, path: Path_, problems
     try:
         return to_dataclass(declared, values)
     except ValueError as error:
-        problems.append(Problem(document.mark(path), f"{error}"))
+        problems.append(_refused(document, path, str(error)))
         return None
 
 
-def _problem(model: type[BaseModel], document: Document, base: Path_, error: dict[str, Any]) -> Problem:
-    location = tuple(part for part in error["loc"] if _exists(document, base, error["loc"], part))
-    path = (*base, *location)
-    kind = error["type"]
-    if kind == "extra_forbidden":
-        parent = _model_at(model, location[:-1])
-        hint = did_you_mean(str(location[-1]), _keys(parent)) if parent else ""
-        return Problem(document.mark(path, key=True), f"unknown key '{location[-1]}'.{hint}")
-    if kind == "missing":
-        owner = document.mark(path[:-1], key=True)
-        return Problem(owner, f"the key '{location[-1]}' is missing here.{_example(model, location)}")
-    if kind == "value_error":
-        text = str(error["ctx"]["error"])
-    elif kind == "literal_error":
-        text = f"{error['input']!r} is not allowed. Allowed: {error['ctx']['expected']}"
-    else:
-        text = f"{error['msg']}, not {error['input']!r}"
-    key = f"'{path[-1]}': " if path and isinstance(path[-1], str) else ""
-    return Problem(document.mark(path), f"{key}{text.rstrip('.')}.")
-
-
-def _exists(document: Document, base: Path_, location: tuple[Any, ...], part: Any) -> bool:
-    """Whether a part of a pydantic location is a YAML key or index rather than the name of a union branch."""
-    index = location.index(part)
-    return index == len(location) - 1 or (*base, *location[: index + 1]) in document.values
-
-
-def _keys(model: type[BaseModel]) -> list[str]:
-    return [field.alias or name for name, field in model.model_fields.items()]
-
-
-def _model_at(model: type[BaseModel], location: tuple[Any, ...]) -> type[BaseModel] | None:
-    current: Any = model
-    for part in location:
-        if isinstance(part, int):
-            continue
-        match = next((f for n, f in current.model_fields.items() if (f.alias or n) == part), None)
-        inner = _inner_model(match.annotation) if match else None
-        if inner is None:
-            return None
-        current = inner
-    return typing.cast(type[BaseModel], current)
-
-
-def _inner_model(annotation: Any) -> type[BaseModel] | None:
-    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-        return annotation
-    return next((found for arg in typing.get_args(annotation) if (found := _inner_model(arg))), None)
-
-
-def _example(model: type[BaseModel], location: tuple[Any, ...]) -> str:
-    parent = _model_at(model, location[:-1])
-    for name in parent.model_fields if parent else ():
-        key, suffix = yaml_key(name), split_suffix(name)[1]
-        if key == location[-1] and suffix:
-            return f" Example: {key}: {DIMENSIONS[suffix].example}"
-    return ""
-
-
-def where(document: Document, *path: str | int) -> Mark:
-    """The mark of a path in a document."""
-    return document.mark(path)
+def _refused(document: Document, path: Path_, text: str) -> Problem:
+    """A settings class's own objection; it begins with the key path it is about, or with Class.field_unit = …"""
+    field = re.match(r"[A-Z]\w+\.(\w+) = ", text)
+    key = yaml_key(field[1]) if field else text.partition(":")[0]
+    text = f"{key} = {text[field.end() :]}" if field else text
+    return Problem(document.mark((*path, *key.split("."))), sentence(text))

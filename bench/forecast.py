@@ -10,9 +10,12 @@ from dataclasses import dataclass
 from bench.acquire import RehearsedAcquirer
 from bench.check import Checked
 from bench.composition import open_rehearsal
-from bench.engine import Engine, Progress
+from bench.engine import REHEARSED_WATCH_PERIOD_S, Engine, Progress
 from bench.errors import FogbenchError
 from bench.journal import Entry, MemoryLog
+from bench.station import energise
+from bench.steps import STEPS
+from drivers.errors import DriverError
 
 
 @dataclass(frozen=True)
@@ -54,9 +57,11 @@ def rehearse(checked: Checked, seed: int) -> Forecast:
     failure = None
     try:
         with open_rehearsal(checked.bench, seed) as (station, clock):
-            if station.table:
-                station.table.energise()
-            Engine(checked.bench, station, clock, log, RehearsedAcquirer(), listen).run(checked.plan)
-    except FogbenchError as error:
+            energise(station, clock)
+            engine = Engine(
+                STEPS, checked.bench, station, clock, log, RehearsedAcquirer(), listen, REHEARSED_WATCH_PERIOD_S
+            )
+            engine.run(checked.plan)
+    except (FogbenchError, DriverError) as error:
         failure = str(error)
     return Forecast(tuple(ends), tuple(log.entries), failure)

@@ -68,7 +68,7 @@ def _apply(document: Document, item: Override) -> Document:
         _descend(place, last, item)
     elif not isinstance(place, dict):
         raise UserMistake(f"--set {item.text}: there is no mapping or list to put '{last}' into.")
-    place[last] = item.value  # type: ignore[index]
+    place[last] = item.value
     mark = Mark(f"--set {item.text}")
     return replace(
         document,

@@ -146,7 +146,8 @@ def points_of(entries: Iterable[Entry]) -> pd.DataFrame:
     whole = {"point", "dwell", "samples", "frames", "frames_lost", "duplicates", "bad_checksum", "skipped_bytes"}
     whole |= {"resyncs", "outliers"}
     kinds = {name: "str" if name in text else "int64" if name in whole else "float64" for name in COLUMNS}
-    return table.astype(kinds)
+    typed: pd.DataFrame = table.astype(kinds)
+    return typed
 
 
 def timeline_of(entries: Iterable[Entry]) -> pd.DataFrame:

@@ -25,7 +25,8 @@ from bench.procedure.language import Analysis
 from bench.rawstore import RawStore
 from bench.runfolder import copy_into, new_run_folder, write_json
 from bench.safe import make_safe
-from bench.station import Station
+from bench.station import Station, energise
+from bench.steps import STEPS
 from drivers.errors import DriverError
 
 TRUTH_FOLDER = ".truth"
@@ -137,11 +138,10 @@ def _execute(
     store = RawStore(prepared.folder / "raw")
     earth = earth_rate_dps(checked.bench.file.site.latitude_deg)
     acquirer = RecordingAcquirer(checked.head.quality, earth, checked.head.raw, store.put)
-    engine = Engine(checked.bench, station, clock, journal, acquirer, listener)
+    engine = Engine(STEPS, checked.bench, station, clock, journal, acquirer, listener)
     failure: FogbenchError | None = None
     try:
-        if station.table:
-            station.table.energise()
+        energise(station, clock)
         engine.run(checked.plan)
     except Interrupted as error:
         failure = error

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
@@ -10,13 +10,16 @@ from bench.benchfile import Bench, CanPort, Instrument
 from bench.clock import Clock
 from bench.errors import BenchFailure
 from drivers.can_ports import open_can, open_can_source
-from drivers.codecs.batch import FrameBatch
+from drivers.codecs.batch import FrameBatch, Quantity
 from drivers.codecs.counters import Losses
-from drivers.errors import DriverError
+from drivers.errors import DriverError, Refused
 from drivers.ports import open_byte_source, open_serial
 
-FIRST_FRAME_TIMEOUT_S = 5.0
-FIRST_FRAME_POLL_S = 0.2
+# Long enough for a driver to tell a gyro's pace from the declared one.
+LISTENING_PERIODS = 5
+LISTENING_PERIOD_S = 0.5
+ENERGISE_TRIES = 4
+ENERGISE_WAIT_S = 0.5
 
 
 class Chamber(Protocol):
@@ -49,13 +52,17 @@ class Gyro(Protocol):
     """What the engine asks of a DUT: a stream of frames."""
 
     data_rate_hz: float
-    losses: Losses
+
+    @property
+    def losses(self) -> Losses: ...
 
     def take(self) -> FrameBatch: ...
     def discard(self) -> None: ...
     def describe(self) -> str: ...
     def complaint(self) -> str | None: ...
-    def meaning(self) -> dict[str, Any]: ...
+
+    @property
+    def quantities(self) -> Mapping[str, Quantity]: ...
 
 
 @dataclass
@@ -94,12 +101,29 @@ def open_station(bench: Bench, clock: Clock) -> Station:
     return station
 
 
+def energise(station: Station, clock: Clock) -> None:
+    """Close the table's interlock and take its drive to rate mode at rest. Raises DriverError.
+
+    A controller may refuse a mode for a moment after its interlock closed (working ACL clients wait 0.25-0.5 s there).
+    """
+    if station.table is None:
+        return
+    for _ in range(ENERGISE_TRIES - 1):
+        try:
+            station.table.energise()
+            return
+        except Refused:
+            clock.wait(ENERGISE_WAIT_S)
+    station.table.energise()
+
+
 def _open(station: Station, instrument: Instrument, clock: Clock) -> None:
     settings, port = instrument.settings, instrument.port
     source: Any
     if instrument.role == "dut":
         if isinstance(port, CanPort):
-            bus = open_can(port.interface, port.channel, port.bitrate, None)
+            can_id = instrument.driver_class.can_id(settings)
+            bus = open_can(port.interface, port.channel, port.bitrate, can_id)
             source = open_can_source(bus, clock.now)
         else:
             source = open_byte_source(open_serial(port, settings.baud, 0.0), clock.now)
@@ -124,15 +148,17 @@ def _identify(station: Station, bench: Bench) -> None:
 
 
 def _hear_gyros(station: Station, clock: Clock) -> None:
-    """Wait until every DUT has sent a valid frame."""
-    silent = dict(station.gyros)
-    for gyro in silent.values():
+    """Listen to every DUT long enough to know that it sends valid frames at its declared rate."""
+    for gyro in station.gyros.values():
         gyro.discard()
-    deadline = clock.now() + FIRST_FRAME_TIMEOUT_S
-    while silent and clock.now() < deadline:
-        clock.wait(FIRST_FRAME_POLL_S)
-        silent = {name: gyro for name, gyro in silent.items() if len(gyro.take().index) == 0}
-    for name, gyro in silent.items():
-        heard = gyro.complaint() or "nothing was received. Is the gyro powered and is the baud rate right?"
-        raise BenchFailure(f"{name}: {gyro.describe()}: no valid frame within {FIRST_FRAME_TIMEOUT_S:g} s; {heard}")
+    frames = dict.fromkeys(station.gyros, 0)
+    for _ in range(LISTENING_PERIODS):
+        clock.wait(LISTENING_PERIOD_S)
+        for name, gyro in station.gyros.items():
+            frames[name] += len(gyro.take())
+    for name, gyro in station.gyros.items():
+        heard = gyro.complaint() or ("" if frames[name] else "nothing valid was received")
+        if heard:
+            listened_s = LISTENING_PERIODS * LISTENING_PERIOD_S
+            raise BenchFailure(f"{name}: {gyro.describe()}: after {listened_s:g} s of listening: {heard}.")
     station.identities.update({name: gyro.describe() for name, gyro in station.gyros.items()})

@@ -51,7 +51,10 @@ DIMENSIONS: dict[str, Dimension] = {
     "byte": Dimension("size", {"B": 1, "kB": 1e3, "MB": 1e6, "GB": 1e9}, "2 GB"),
 }
 
-_QUANTITY = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(\D.*)?")
+# ASCII digits, and no quantity is longer than this: the pattern may backtrack over a text that is almost a number.
+_QUANTITY = re.compile(r"([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)\s*([^0-9\s].*)?")
+_LONGEST = 100
+_LONGEST_READABLE_S = 1e11
 
 
 def split_suffix(field: str) -> tuple[str, str | None]:
@@ -75,27 +78,43 @@ def parse_quantity(value: object, suffix: str) -> float:
     (7200.0, -30.0, 0.01)
     """
     dimension = DIMENSIONS[suffix]
-    wanted = (
-        f"{dimension.name} needs a number and one of the units {', '.join(dimension.factors)}: '{dimension.example}'"
-    )
+    units = ", ".join(dimension.factors)
+    allowed = f"Allowed for {dimension.name}: a number with a unit out of {units}, e.g. '{dimension.example}'"
     if isinstance(value, bool) or not isinstance(value, str | int | float):
-        raise ValueError(f"{wanted}, not {value!r}")
-    text = str(value).strip()
+        raise ValueError(f"{shown(value)} is not a quantity. {allowed}")
     if not isinstance(value, str) and math.isfinite(value):
-        raise ValueError(f"{text} has no unit. {wanted}")
-    match = _QUANTITY.fullmatch(text)
+        raise ValueError(f"{value} has no unit. {allowed}")
+    text = str(value).strip()
+    match = _QUANTITY.fullmatch(text) if len(text) <= _LONGEST else None
     if match is None:
-        raise ValueError(f"'{text}' is not a finite number with a unit. {wanted}")
+        raise ValueError(f"{shown(text)} is not a finite number with a unit. {allowed}")
     number, unit = float(match[1]), (match[2] or "").strip()
     for spelling, plain in _SPELLINGS.items():
         unit = unit.replace(spelling, plain)
     if unit not in dimension.factors:
-        reason = f"has the unit '{unit}', which is not one of a {dimension.name}" if unit else "has no unit"
-        raise ValueError(f"'{text}' {reason}. {wanted[0].upper()}{wanted[1:]}")
+        reason = f"has the unit '{unit}', which is no unit of {dimension.name}" if unit else "has no unit"
+        raise ValueError(f"'{text}' {reason}. {allowed}")
     result = number * dimension.factors[unit]
     if not math.isfinite(result):
-        raise ValueError(f"'{text}' is too large. {wanted}")
+        raise ValueError(f"'{text}' is too large. {allowed}")
     return result
+
+
+def shown(value: object) -> str:
+    """A YAML value as messages show it: short, whatever it is.
+
+    >>> shown("10 deg/s"), shown(None), shown({"from": 1}), shown([1, 2]), shown(True), shown(5)
+    ("'10 deg/s'", 'nothing', 'a mapping', 'a list', 'true', '5')
+    """
+    if value is None:
+        return "nothing"
+    if isinstance(value, dict | list):
+        return "a mapping" if isinstance(value, dict) else "a list"
+    if isinstance(value, bool):
+        return str(value).lower()
+    text = str(value)
+    text = text if len(text) <= _LONGEST else f"{text[:60]}…"
+    return f"'{text}'" if isinstance(value, str) else text
 
 
 def format_duration(seconds: float) -> str:
@@ -104,7 +123,7 @@ def format_duration(seconds: float) -> str:
     >>> format_duration(563_000), format_duration(95), format_duration(0.4)
     ('6 d 12 h 23 min', '1 min 35 s', '0.4 s')
     """
-    if seconds < 60:
+    if seconds < 60 or seconds > _LONGEST_READABLE_S:
         return f"{seconds:.3g} s"
     days, rest = divmod(round(seconds), 86400)
     hours, rest = divmod(rest, 3600)

@@ -1,13 +1,15 @@
 """YAML read safely, every value with the place it came from.
 
 Only plain data is accepted: no anchors or aliases (a seven-line alias bomb stalls a walking reader for seconds), no
-tags, no duplicate keys (pyyaml keeps the last one silently), bounded size and depth. Scalars follow the YAML 1.2 core
-schema: `on` and `no` are words, `1:30` and `010` are text, `1e3` is a number.
+tags, no duplicate keys (pyyaml keeps the last one silently), bounded size and depth. Scalars are those of the YAML 1.2
+core schema without octal and hexadecimal numbers: `on` and `no` are words, `1:30`, `010` and `0x1F` are text, `1e3` is
+a number.
 """
 
 from __future__ import annotations
 
 import re
+import stat
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -33,10 +35,21 @@ MAX_NODES = 100_000
 
 Path_ = tuple[str | int, ...]
 
-_INT = re.compile(r"[+-]?(0|[1-9]\d*)")
-_FLOAT = re.compile(r"[+-]?(\d+\.\d*|\.\d+|\d+)([eE][+-]?\d+)?")
+_INT = re.compile(r"[+-]?(0|[1-9][0-9]*)")
+_FLOAT = re.compile(r"[+-]?([0-9]+\.[0-9]*|\.[0-9]+|[0-9]+)([eE][+-]?[0-9]+)?")
+# What YAML 1.2 counts as not printable (section 5.1).
+_UNREADABLE = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x84\x86-\x9f\ud800-\udfff\ufffe\uffff]")
 _SPECIAL_FLOAT = re.compile(r"[+-]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)")
-_WORDS: dict[str, Any] = {"": None, "~": None, "null": None, "true": True, "false": False}
+_WORDS: dict[str, Any] = {"": None, "~": None} | {
+    spelling: value
+    for word, value in (("null", None), ("true", True), ("false", False))
+    for spelling in (word, word.capitalize(), word.upper())
+}
+# What pyyaml says, and what a stranger to YAML may have done.
+_HINTS = {
+    "cannot start any token": "Indent with spaces, not tabs; put text that begins with a sign such as % or @ in quotes.",
+    "mapping values are not allowed": "Is a line above it indented wrongly, or a text with ': ' in it not in quotes?",
+}
 
 
 @dataclass(frozen=True)
@@ -67,16 +80,19 @@ def load_yaml(path: Path, name: str | None = None) -> Document:
     """Read `path`; `name` is what messages call it. Raises InvalidFiles."""
     shown = name or str(path)
     try:
-        size = path.stat().st_size
-        raw = path.read_bytes() if size <= MAX_BYTES else b""
-    except OSError as error:
-        reason = error.strerror or str(error)
+        about = path.stat()
+        # Never a device or a pipe: an include of /dev/zero has no end.
+        raw = path.read_bytes() if stat.S_ISREG(about.st_mode) and about.st_size <= MAX_BYTES else b""
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
         raise InvalidFiles(
             [Problem(Mark(shown), f"cannot be read: {reason}. Check the path and its permissions.")]
         ) from error
-    if size > MAX_BYTES:
+    if not stat.S_ISREG(about.st_mode):
+        raise InvalidFiles([Problem(Mark(shown), "is not a file. Give the path of a YAML file.")])
+    if about.st_size > MAX_BYTES:
         raise InvalidFiles(
-            [Problem(Mark(shown), f"has {size} bytes; at most {MAX_BYTES} are read. Is this the right file?")]
+            [Problem(Mark(shown), f"has {about.st_size} bytes; at most {MAX_BYTES} are read. Is this the right file?")]
         )
     try:
         return parse_yaml(raw.decode("utf-8"), shown)
@@ -87,6 +103,11 @@ def load_yaml(path: Path, name: str | None = None) -> Document:
 
 def parse_yaml(text: str, name: str) -> Document:
     """Parse YAML text; see the module for what is refused. Raises InvalidFiles."""
+    if unreadable := _UNREADABLE.search(text):
+        before = text[: unreadable.start()]
+        mark = Mark(name, before.count("\n") + 1, len(before) - before.rfind("\n"))
+        message = f"the character U+{ord(unreadable[0]):04X} is not read. Is this a text file? Then take it out."
+        raise InvalidFiles([Problem(mark, message)])
     try:
         return _Builder(text, name).document()
     except _Refused as refused:
@@ -95,9 +116,11 @@ def parse_yaml(text: str, name: str) -> Document:
         place = error.problem_mark or error.context_mark
         mark = Mark(name, place.line + 1, place.column + 1) if place else Mark(name)
         detail = " ".join(part for part in (error.context, error.problem) if part)
-        raise InvalidFiles([Problem(mark, f"is not YAML: {detail}.")]) from None
+        hint = next((f" {hint}" for sign, hint in _HINTS.items() if sign in detail), "")
+        raise InvalidFiles([Problem(mark, f"is not YAML: {detail}.{hint}")]) from None
     except yaml.YAMLError as error:
-        raise InvalidFiles([Problem(Mark(name), f"is not YAML: {error}.")]) from None
+        reason = " ".join(str(error).split()).rstrip(".")
+        raise InvalidFiles([Problem(Mark(name), f"is not YAML: {reason}.")]) from None
 
 
 class _Builder:
@@ -138,7 +161,8 @@ class _Builder:
         if isinstance(event, AliasEvent) or getattr(event, "anchor", None):
             raise _Refused(mark, "anchors (&) and aliases (*) are not read. Write the value out, or use include.")
         if tag := getattr(event, "tag", None):
-            raise _Refused(mark, f"the tag {tag} is not read. Allowed: plain text, numbers, true/false, null.")
+            written = tag.replace("tag:yaml.org,2002:", "!!")
+            raise _Refused(mark, f"the tag {written} is not read. Allowed: plain text, numbers, true/false, null.")
         self._values[path] = mark
         if isinstance(event, MappingStartEvent):
             return self._mapping(path)

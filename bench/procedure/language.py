@@ -24,6 +24,11 @@ Order = Literal["up", "down", "alternate", "random"]
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,63}$")]
 
 
+# The engine keeps the DUT temperatures of this long (engine.HISTORY_S); a slope over more would never be known.
+MAX_SLOPE_WINDOW_S = 4 * 3600.0
+MAX_SAMPLES = 10_000_000
+
+
 class SetTemperature(YamlMapping):
     """Move the chamber's setpoint at once and wait until its readback is in the band."""
 
@@ -45,7 +50,7 @@ class SlopeCondition(YamlMapping):
     """The DUT's own temperature slope, by least squares over a window, is inside ± slope."""
 
     slope_degc_min: Slope = Field(gt=0)
-    over_s: Time = Field(default=600.0, gt=0)
+    over_s: Time = Field(default=600.0, gt=0, le=MAX_SLOPE_WINDOW_S)
 
 
 class Soak(YamlMapping):
@@ -100,7 +105,7 @@ class Acquire(YamlMapping):
     interval, or the newest frame of it.
     """
 
-    count: int | None = Field(default=None, gt=0, le=10_000_000)
+    count: int | None = Field(default=None, gt=0, le=MAX_SAMPLES)
     for_s: Time | None = Field(default=None, gt=0)
     every_s: Time = Field(gt=0)
     take: Literal["mean", "newest"] = "mean"
@@ -111,6 +116,8 @@ class Acquire(YamlMapping):
             raise ValueError("acquire needs either 'count' or 'for', not both: count: 1000 or for: 10 min")
         if self.for_s is not None and self.for_s < self.every_s:
             raise ValueError("the duration 'for' is shorter than one interval 'every'")
+        if self.for_s is not None and self.for_s / self.every_s > MAX_SAMPLES:
+            raise ValueError(f"'for' holds more than {MAX_SAMPLES} intervals 'every'; split it with repeat")
         return self
 
     @property
@@ -171,6 +178,10 @@ class Sweep(YamlMapping):
     def _one_quantity(self) -> Sweep:
         if sum(q is not None for q in (self.temperature, self.rate, self.position)) != 1:
             raise ValueError("a sweep needs exactly one of 'temperature', 'rate' or 'position'")
+        strays = {"ramp_degc_min": "ramp", "band_k": "band", "timeout_s": "timeout"}
+        stray = next((key for name, key in strays.items() if name in self.model_fields_set), None)
+        if stray and self.temperature is None:
+            raise ValueError(f"'{stray}' belongs to a temperature sweep; in a rate sweep put a 'settle' into its steps")
         return self
 
 
@@ -225,6 +236,12 @@ class Band(YamlMapping):
 
     from_degc: Temperature
     to_degc: Temperature
+
+    @model_validator(mode="after")
+    def _upwards(self) -> Band:
+        if self.from_degc > self.to_degc:
+            raise ValueError("'from' is above 'to'; write the lower temperature first")
+        return self
 
 
 class Limits(YamlMapping):

@@ -13,6 +13,8 @@ from bench.procedure.language import SHORT_FORM, VERBS, Include, ProcedureHead
 from bench.yamlfile import Document, Path_, load_yaml
 
 MAX_INCLUDE_DEPTH = 8
+# Eight levels of ten includes each would be a hundred million files.
+MAX_INCLUDES = 1000
 
 
 @dataclass(frozen=True)
@@ -59,12 +61,8 @@ class _Reader:
 
     def steps(self, document: Document, at: Path_, folder: Path, depth: int) -> Iterator[StepNode]:
         items = _get(document.data, at)
-        if items is None:
-            return
-        if not isinstance(items, list):
-            self._say(document, at, "a list of steps is expected here, each starting with '- '")
-            return
-        for index, item in enumerate(items):
+        # That it is a list is checked with the mapping around it.
+        for index, item in enumerate(items if isinstance(items, list) else ()):
             node = self._step(document, (*at, index), item, folder, depth)
             if node is not None:
                 yield node
@@ -77,7 +75,7 @@ class _Reader:
         here = (*at, verb)
         if verb not in VERBS:
             hint = did_you_mean(verb, VERBS)
-            self.problems.append(Problem(document.mark(here, key=True), f"step {at[-1]}: unknown verb '{verb}'.{hint}"))
+            self.problems.append(Problem(document.mark(here, key=True), f"unknown verb '{verb}'.{hint}"))
             return None
         args = self._arguments(document, here, verb, item[verb])
         children: tuple[StepNode, ...] = ()
@@ -96,8 +94,9 @@ class _Reader:
         return validate(VERBS[verb], document, here, self.problems)
 
     def _include(self, document: Document, here: Path_, path: Path, depth: int) -> tuple[StepNode, ...]:
-        if depth >= MAX_INCLUDE_DEPTH:
-            self._say(document, here, f"includes nest deeper than {MAX_INCLUDE_DEPTH}. Does a file include itself?")
+        if depth >= MAX_INCLUDE_DEPTH or len(self.included) >= MAX_INCLUDES:
+            allowed = f"includes are {MAX_INCLUDE_DEPTH} levels deep and {MAX_INCLUDES} altogether at most"
+            self._say(document, here, f"{allowed}. Does a file include itself? Use repeat to do something again")
             return ()
         try:
             inner = load_yaml(path)
@@ -105,11 +104,10 @@ class _Reader:
             self.problems.extend(Problem(document.mark(here), str(problem)) for problem in error.problems)
             return ()
         self.included.append(path)
-        extra = set(inner.data) - {"steps"} if isinstance(inner.data, dict) else {"?"}
-        if extra or not isinstance(inner.data, dict) or "steps" not in inner.data:
-            self.problems.append(
-                Problem(inner.mark(()), "an included file holds one key, 'steps', with a list of steps.")
-            )
+        steps = inner.data.get("steps") if isinstance(inner.data, dict) and len(inner.data) == 1 else None
+        if not isinstance(steps, list) or not steps:
+            message = "an included file holds one key, 'steps', with a list of steps, and nothing else."
+            self.problems.append(Problem(inner.mark(()), message))
             return ()
         return tuple(self.steps(inner, ("steps",), path.parent, depth + 1))
 

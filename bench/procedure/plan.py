@@ -25,6 +25,8 @@ from bench.procedure.language import (
 from bench.procedure.parse import StepNode
 
 MAX_STEPS = 500_000
+# Values of ranges are rounded so that 0.1-steps visit 0.3 and not 0.30000000000000004 (setpoints are keys in the record).
+_DIGITS = 9
 
 
 @dataclass(frozen=True)
@@ -52,7 +54,9 @@ class _State:
     rate_dps: float | None = None
     dwell: int = 0
     points: int = 0
+    visited: int = 0
     entered: dict[int, int] = field(default_factory=dict)
+    malformed: set[int] = field(default_factory=set)
 
     def add(self, verb: str, args: YamlMapping, mark: Mark) -> None:
         if isinstance(args, SetTemperature | RampTemperature):
@@ -89,7 +93,9 @@ def expand(steps: Sequence[StepNode]) -> tuple[list[PlannedStep], list[Problem]]
 
 def _expand(steps: Sequence[StepNode], state: _State) -> None:
     for node in steps:
-        if len(state.plan) > MAX_STEPS:
+        # Visits are counted too: repeats of nothing add no step and would not end.
+        state.visited += 1
+        if max(state.visited, len(state.plan)) > MAX_STEPS:
             raise _TooLong
         if isinstance(node.args, Sweep):
             _expand_sweep(node, node.args, state)
@@ -103,9 +109,12 @@ def _expand(steps: Sequence[StepNode], state: _State) -> None:
 
 
 def _expand_sweep(node: StepNode, sweep: Sweep, state: _State) -> None:
+    if id(node) in state.malformed:
+        return
     try:
         values = sweep_values(sweep)
     except ValueError as error:
+        state.malformed.add(id(node))
         state.problems.append(Problem(node.mark, f"sweep: {error}."))
         return
     visits = state.entered.get(id(node), 0)
@@ -151,22 +160,22 @@ def _range(start: float, end: float, step: float, unit: str, step_unit: str) -> 
             f"'from' ({start:g} {unit}) is above 'to' ({end:g} {unit}); write them upwards with order: down"
         )
     steps = (end - start) / step
-    count = round(steps)
-    if count >= MAX_STEPS:
+    if steps >= MAX_STEPS:
         raise ValueError(f"a step of {step:g} {step_unit} gives more than {MAX_STEPS} values")
+    count = round(steps)
     if abs(steps - count) > 1e-6:
         last = start + math.floor(steps) * step
         raise ValueError(
             f"steps of {step:g} {step_unit} from {start:g} {unit} do not end on {end:g} {unit}: they reach {last:g}, "
             f"then {last + step:g}. Choose a step that divides {end - start:g} {step_unit}, or to: {last:g} {unit}"
         )
-    # Rounded so that 0.1-steps visit 0.3 and not 0.30000000000000004 (setpoints are keys in the record).
-    return [round(start + index * step, 9) + 0.0 for index in range(count + 1)]
+    return [round(start + index * step, _DIGITS) + 0.0 for index in range(count + 1)]
 
 
 def _without(values: list[float], unwanted: list[float]) -> list[float]:
-    kept = [value for value in values if not any(abs(value - u) < 1e-9 for u in unwanted)]
-    missing = [u for u in unwanted if not any(abs(value - u) < 1e-9 for value in values)]
+    visited, left_out = set(values), {round(u, _DIGITS) + 0.0 for u in unwanted}
+    kept = [value for value in values if value not in left_out]
+    missing = sorted(left_out - visited)
     if missing:
         raise ValueError(f"'without' names {missing[0]:g}, which the range does not visit")
     if not kept:

@@ -1,0 +1,1 @@
+"""Temperature chambers: one file per controller family."""

@@ -1,0 +1,266 @@
+"""Temperature chamber with a Watlow Series F4 controller (F4S, F4D, F4P) on Modbus RTU.
+
+Source: protocol notes, chambers, section 3 (Watlow F4P User's Manual 0600-0032-0013 Rev E, chapter 9, and two open
+clients). Register numbers are wire addresses. Values are signed words with as many decimals as register 606 says, in
+the unit of register 901. Register 25 writes the EEPROM, which wears out; this driver never writes it.
+"""
+
+from dataclasses import dataclass
+from functools import lru_cache
+from math import isfinite
+
+from drivers.codecs import modbus_rtu
+from drivers.codecs.modbus_rtu import ModbusError, Read, WriteMany, WriteOne
+from drivers.errors import BadReply, NoReply, Refused
+from drivers.ports import PORT_FAILURES, SerialPort, failed
+
+MODEL, INPUT_1, ALARM_1, ALARM_2, SETPOINT_1 = 0, 100, 102, 106, 300
+LIMIT_LOW, DECIMALS, UNIT_KIND, UNIT = 602, 606, 608, 901
+RAMP_MODE = 1100
+
+_NEVER, _ON_CHANGE = 0, 2
+_PER_MINUTE, _PER_HOUR = 0, 1
+_ALARM_TEXTS = {1: "high", 2: "low"}
+# An exception reply, the shortest there is.
+_SHORTEST_REPLY = 5
+# Bytes of a foreign reply that are enough to recognise it: more than one frame of any gyro we know.
+_LOOK_AT = 64
+_ADVICE = {
+    modbus_rtu.ILLEGAL_ADDRESS: "This controller has no such register. Is it an F4 (and no F4T)?",
+    modbus_rtu.ILLEGAL_VALUE: "Keep inside the controller's own set-point limits (registers 602 and 603)",
+}
+
+_encoded = lru_cache(maxsize=256)(modbus_rtu.encode_request)
+
+
+@dataclass(frozen=True)
+class WatlowF4Settings:
+    """Line and address. The F4P leaves the factory with 19200 baud, 8N1, address 1."""
+
+    baud: int = 19200
+    address: int = 1
+    reply_timeout_s: float = 1.0
+    tries: int = 3
+
+    def __post_init__(self) -> None:
+        if self.baud <= 0:
+            raise ValueError(f"baud: {self.baud}; it must be above 0. The F4 speaks 9600 or 19200")
+        if not 1 <= self.address <= modbus_rtu.MAX_UNIT:
+            raise ValueError(f"address: {self.address}; allowed are 1..{modbus_rtu.MAX_UNIT}")
+        if not 0 < self.reply_timeout_s <= 60:
+            raise ValueError(f"reply_timeout: {self.reply_timeout_s:g} s; it must be above 0 s and at most 60 s")
+        if not 1 <= self.tries <= 10:
+            raise ValueError(f"tries: {self.tries}; allowed are 1..10")
+
+
+@dataclass(frozen=True)
+class _Scale:
+    """How register values mean temperatures."""
+
+    decimals: int
+    fahrenheit: bool
+
+    def degc(self, word: int) -> float:
+        value = modbus_rtu.to_signed(word) / 10.0**self.decimals
+        return (value - 32.0) / 1.8 if self.fahrenheit else value
+
+    def value(self, temperature_degc: float) -> int:
+        unit = temperature_degc * 1.8 + 32.0 if self.fahrenheit else temperature_degc
+        return round(unit * 10.0**self.decimals)
+
+    def per_degc(self) -> float:
+        """Register steps per degree Celsius of difference."""
+        return (1.8 if self.fahrenheit else 1.0) * 10.0**self.decimals
+
+
+class WatlowF4:
+    """Driver of a Watlow F4. The port is open, at `settings.baud`; its time-out is set here.
+
+    Every method raises NoReply, BadReply, Refused or PortError (drivers.errors).
+    """
+
+    Settings = WatlowF4Settings
+
+    def __init__(self, port: SerialPort, settings: WatlowF4Settings) -> None:
+        self._link = _Link(port, settings)
+        self._scale: _Scale | None = None
+
+    def identify(self) -> str:
+        """'Watlow F4, model 5270'; reads decimals and unit afresh.
+
+        A controller set to °F is converted; one whose input 1 is no temperature raises BadReply.
+        """
+        model = self._link.read(MODEL)
+        self._scale = scale = self._read_scale()
+        return f"Watlow F4, model {model}" + (", set to degF (converted)" if scale.fahrenheit else "")
+
+    def temperature_degc(self) -> float:
+        """Actual temperature at input 1 (register 100)."""
+        return self._known_scale().degc(self._link.read(INPUT_1))
+
+    def setpoint_degc(self) -> float:
+        """Set point 1 (register 300): where a ramp ends, not where it is."""
+        return self._known_scale().degc(self._link.read(SETPOINT_1))
+
+    def set_setpoint_degc(self, temperature_degc: float) -> None:
+        """Set set point 1, to the nearest step the controller knows; kept in RAM only.
+
+        Raises ValueError for a value that is no number or does not fit the register, and Refused outside the
+        controller's own limits.
+        """
+        self._link.write(SETPOINT_1, self._word("setpoint", temperature_degc))
+
+    def set_ramp_degc_min(self, rate_degc_min: float | None) -> None:
+        """How fast later set-point changes are approached (registers 1100-1102); None = as fast as it can.
+
+        The rate goes out per minute or per hour, whichever holds it more exactly, with the decimals of register 606
+        (read so from the notes; the manual states decimals for values in general). Raises ValueError for a rate <= 0 or
+        one the register cannot hold.
+        """
+        if rate_degc_min is None:
+            self._link.write(RAMP_MODE, _NEVER)
+            return
+        if not (isfinite(rate_degc_min) and rate_degc_min > 0):
+            raise ValueError(
+                f"ramp: {rate_degc_min} degC/min; it must be above 0. Leave it out for as fast as possible"
+            )
+        steps_min = rate_degc_min * self._known_scale().per_degc()
+        choices = [
+            (round(steps), scale, steps) for scale, steps in ((_PER_MINUTE, steps_min), (_PER_HOUR, steps_min * 60.0))
+        ]
+        choices = [choice for choice in choices if 1 <= choice[0] <= 0x7FFF]
+        if not choices:
+            raise ValueError(f"ramp: {rate_degc_min:g} degC/min; this controller cannot hold that rate in its register")
+        rate, scale, _ = min(choices, key=lambda choice: abs(choice[0] / choice[2] - 1.0))
+        self._link.write_many(RAMP_MODE, (_ON_CHANGE, rate, scale))
+
+    def limits_degc(self) -> tuple[float, float]:
+        """Set-point limits, low and high (registers 602, 603)."""
+        scale = self._known_scale()
+        low, high = self._link.read_many(LIMIT_LOW, 2)
+        return scale.degc(low), scale.degc(high)
+
+    def alarm(self) -> str | None:
+        """What alarms are on ('alarm 1 high'), or None (registers 102, 106)."""
+        states = ((number, self._link.read(register)) for number, register in ((1, ALARM_1), (2, ALARM_2)))
+        texts = [f"alarm {number} {_ALARM_TEXTS.get(state, f'in state {state}')}" for number, state in states if state]
+        return ", ".join(texts) or None
+
+    def _known_scale(self) -> _Scale:
+        if self._scale is None:
+            self._scale = self._read_scale()
+        return self._scale
+
+    def _read_scale(self) -> _Scale:
+        link = self._link
+        decimals = link.read(DECIMALS, allowed=(0, 1, 2, 3))
+        link.read(UNIT_KIND, allowed=(0,))
+        return _Scale(decimals, fahrenheit=link.read(UNIT, allowed=(0, 1)) == 0)
+
+    def _word(self, name: str, temperature_degc: float) -> int:
+        if not isfinite(temperature_degc):
+            raise ValueError(f"{name}: {temperature_degc} degC; it must be a number")
+        try:
+            return modbus_rtu.to_word(self._known_scale().value(temperature_degc))
+        except ModbusError as error:
+            raise ValueError(
+                f"{name}: {temperature_degc:g} degC is beyond the controller's register: {error}"
+            ) from None
+
+
+class _Link:
+    """Questions to one Modbus unit: write, read the reply at the length its function implies, repeat when damaged."""
+
+    def __init__(self, port: SerialPort, settings: WatlowF4Settings) -> None:
+        self._port, self._settings = port, settings
+        self._where = f"Watlow F4 at {port.name} (address {settings.address})"
+        self._received = b""
+        # A question was left without a good answer: one may still come, and nothing in it says to which question.
+        self._owed = False
+        port.timeout = settings.reply_timeout_s
+
+    def read(self, register: int, allowed: tuple[int, ...] = ()) -> int:
+        """One register, as the word on the wire."""
+        (word,) = self.read_many(register, 1)
+        if allowed and word not in allowed:
+            why = f"the register holds {word}; this driver works with {' or '.join(map(str, allowed))}"
+            raise BadReply(self._where, _read_text(register, 1), self._received, why)
+        return word
+
+    def read_many(self, register: int, count: int) -> tuple[int, ...]:
+        """`count` registers from `register` on."""
+        request = Read(self._settings.address, register, count)
+        reply = self._ask(request, _read_text(register, count))
+        if not isinstance(reply, modbus_rtu.Registers) or len(reply.values) != count:
+            why = f"it does not hold exactly {count} register{'s' if count > 1 else ''}"
+            raise BadReply(self._where, _read_text(register, count), self._received, why)
+        return reply.values
+
+    def write(self, register: int, word: int) -> None:
+        """One register (function 6), checked by its echo."""
+        text = f"write {modbus_rtu.to_signed(word)} to register {register}"
+        reply = self._ask(WriteOne(self._settings.address, register, word), text)
+        self._check_written(reply, text, register, word)
+
+    def write_many(self, register: int, words: tuple[int, ...]) -> None:
+        """Neighbouring registers in one go (function 16)."""
+        text = f"write {', '.join(str(modbus_rtu.to_signed(word)) for word in words)} from register {register} on"
+        reply = self._ask(WriteMany(self._settings.address, register, words), text)
+        self._check_written(reply, text, register, len(words))
+
+    def _check_written(self, reply: modbus_rtu.Reply, text: str, register: int, value: int) -> None:
+        if not isinstance(reply, modbus_rtu.Written) or (reply.register, reply.value) != (register, value):
+            raise BadReply(self._where, text, self._received, "it confirms something else than what was written")
+
+    def _ask(self, request: Read | WriteOne | WriteMany, text: str) -> modbus_rtu.Reply:
+        frame, settings = _encoded(request), self._settings
+        seen, why = b"", ""
+        try:
+            self._wait_out_late_reply()
+            for left in reversed(range(settings.tries)):
+                self._port.reset_input_buffer()
+                self._port.write(frame)
+                received = self._receive(frame)
+                try:
+                    return self._accepted(received, frame, text)
+                except ModbusError as error:
+                    self._owed = True
+                    if received and not left:
+                        # A damaged or foreign reply: look at more of it, so that the message can say what it is.
+                        received += self._port.read(_LOOK_AT)
+                    seen, why = (received, str(error)) if received else (seen, why)
+        except PORT_FAILURES as error:
+            raise failed(self._port, error) from error
+        if seen:
+            raise BadReply(self._where, text, seen, why)
+        raise NoReply(self._where, text, settings.reply_timeout_s, settings.tries)
+
+    def _wait_out_late_reply(self) -> None:
+        if self._owed:
+            self._port.read(_LOOK_AT)
+            self._owed = False
+
+    def _receive(self, request: bytes) -> bytes:
+        received = self._port.read(_SHORTEST_REPLY)
+        if len(received) == _SHORTEST_REPLY:
+            if received[1] & 0x7F == request[1]:
+                missing = (modbus_rtu.reply_length(received) or 0) - len(received)
+            else:  # no reply to this: what else is there tells what it is
+                missing = min(self._port.in_waiting, _LOOK_AT)
+            received += self._port.read(missing) if missing > 0 else b""
+        self._received = received
+        return received
+
+    def _accepted(self, received: bytes, request: bytes, text: str) -> modbus_rtu.Reply:
+        """The reply in the bytes received. Raises ModbusError for anything else, Refused for an exception reply."""
+        reply = modbus_rtu.decode_reply(received)
+        if reply.unit != request[0] or reply.function != request[1]:
+            raise ModbusError(f"it comes from address {reply.unit} and function {reply.function}")
+        if isinstance(reply, modbus_rtu.ExceptionReply):
+            meaning = modbus_rtu.EXCEPTION_TEXTS.get(reply.code, "not in the standard")
+            raise Refused(self._where, text, f"exception {reply.code}, {meaning}", _ADVICE.get(reply.code, ""))
+        return reply
+
+
+def _read_text(register: int, count: int) -> str:
+    return f"read register {register}" if count == 1 else f"read registers {register} to {register + count - 1}"

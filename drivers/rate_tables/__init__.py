@@ -1,0 +1,1 @@
+"""Rate tables: one file per controller family."""

@@ -1,0 +1,108 @@
+import dataclasses
+from collections.abc import Mapping
+
+import pytest
+
+from bench.report import tables
+from bench.report.data import ReportData
+from bench.report.manifest import LimitCheck
+
+
+def texts(table: tables.Table) -> list[list[str]]:
+    return [[cell.text for cell in row] for row in table.rows]
+
+
+def test_results_are_the_metrics(small: ReportData) -> None:
+    dut = small.duts[0]
+    rows = {row[0]: row[1:] for row in texts(tables.results(dut))}
+    held_out, random = (dut.metrics["linear"][split] for split in ("leave_temperatures_out", "random"))
+    printed = [float(text) for text in rows["linear"]]
+    expected = [held_out["max_abs_dps"], held_out["std_dps"], random["max_abs_dps"], random["std_dps"]]
+    assert printed[:4] == pytest.approx(expected, rel=6e-3)
+    before = dut.metrics["none"]["leave_temperatures_out"]["std_dps"]
+    assert before is not None
+    assert held_out["std_dps"] is not None
+    assert printed[4] == pytest.approx(before / held_out["std_dps"], rel=0.06)
+    assert rows["noise floor"][0] == "–"
+    assert float(rows["noise floor"][1]) == pytest.approx(dut.floor_dps, rel=0.06)
+
+
+def test_headline_is_the_best_model_on_unseen_temperatures(small: ReportData) -> None:
+    dut = small.duts[0]
+    line = tables.headline(dut)
+    assert line is not None
+    assert line.split == "leave temperatures out"
+    std = dut.figure(dut.model or "", "leave_temperatures_out", "std_dps")
+    assert float(line.std_after) == pytest.approx(std, rel=6e-3)
+
+
+def test_headline_falls_back_to_the_random_split_and_says_so(small: ReportData) -> None:
+    metrics = {
+        model: {"random": splits["random"], "random_train": splits["random_train"]}
+        for model, splits in small.duts[0].metrics.items()
+    }
+    line = tables.headline(dataclasses.replace(small.duts[0], metrics=metrics))
+    assert line is not None
+    assert line.split == "random split, held-back points"
+    assert tables.headline(dataclasses.replace(small.duts[0], metrics={})) is None
+
+
+@pytest.mark.parametrize(
+    ("measured", "passed", "word", "kinds"),
+    [
+        ({"a": 0.01, "b": 0.02}, True, "passed", ["", ""]),
+        ({"a": 0.01, "b": 0.2}, False, "failed", ["", "bad"]),
+        ({"a": 0.01, "b": None}, False, "not measured", ["", ""]),
+        ({}, None, "not measured", []),
+    ],
+)
+def test_limits_are_judged(
+    small: ReportData, measured: Mapping[str, float | None], passed: bool | None, word: str, kinds: list[str]
+) -> None:
+    check = LimitCheck("ts_joint", "leave_temperatures_out", "std_dps", 0.05, measured, passed)
+    shown = tables.limits(dataclasses.replace(small.manifest, limits=(check,)))
+    assert shown is not None
+    assert shown.rows[0][-1].text == word
+    assert [cell.kind for cell in shown.rows[0][2:-1]] == kinds
+    assert shown.rows[0][1].text == "≤ 0.05"
+
+
+def test_no_limits_no_table(small: ReportData) -> None:
+    assert tables.limits(dataclasses.replace(small.manifest, limits=())) is None
+
+
+def test_quality_counts_frames_and_verdicts(small: ReportData) -> None:
+    rows = {row[0]: row[1:] for row in texts(tables.quality(small))}
+    digits = rows["frames received"][0].replace("\N{NARROW NO-BREAK SPACE}", "")
+    assert int(digits) == small.manifest.data_quality["gyro-a"]["frames"]
+    assert rows["bad checksums"] == ["2", "2"]
+    assert rows["frames with bad status"] == ["–", "–"]
+    verdicts = [rows[f"points with verdict {word}"] for word in ("pass", "marginal", "fail")]
+    assert [sum(int(row[dut]) for row in verdicts) for dut in (0, 1)] == [35, 35]
+    assert float(rows["largest standard uncertainty, °/s"][0]) == pytest.approx(
+        small.duts[0].points["rate_mean_u_dps"].max(), rel=0.06
+    )
+
+
+def test_quality_sums_the_points_where_the_manifest_is_silent(small: ReportData) -> None:
+    silent = dataclasses.replace(small, manifest=dataclasses.replace(small.manifest, data_quality={}))
+    rows = {row[0]: row[1:] for row in texts(tables.quality(silent))}
+    assert (
+        int(rows["frames received"][0].replace("\N{NARROW NO-BREAK SPACE}", "")) == small.duts[0].points["frames"].sum()
+    )
+    assert rows["resynchronisations"] == ["–", "–"]
+
+
+def test_points_to_look_at_put_failures_first_and_are_bounded(small: ReportData) -> None:
+    dut = small.duts[0]
+    points = dut.points.assign(verdict="marginal", reasons="frames lost")
+    points.loc[30, ["verdict", "reasons"]] = ["fail", "no samples"]
+    many = dataclasses.replace(dut, points=points)
+    passed = dataclasses.replace(dut, points=dut.points.assign(verdict="pass"))
+    shown = tables.points_to_look_at(dataclasses.replace(small, duts=(many, many)))
+    assert shown is not None
+    assert len(shown.rows) == tables.WORST_POINTS_SHOWN
+    assert [row[4].text for row in shown.rows[:3]] == ["fail", "fail", "marginal"]
+    assert shown.rows[0][5].text == "no samples"
+    assert "70 points" in shown.caption
+    assert tables.points_to_look_at(dataclasses.replace(small, duts=(passed,))) is None
