@@ -1,0 +1,177 @@
+"""One virtual bench: a simpy environment, the plants, and a simulated instrument at every address.
+
+A world is opened, used by unmodified drivers through their ports, and closed:
+
+    with World(spec, truth_dir=None) as world:
+        port = serial.serial_for_url("sim://chamber", baudrate=19200)
+        world.env.run(until=3600.0)
+
+Every instrument may be missing: DUTs without a chamber stand in the room, without a table they stand still. One seed
+decides everything that is drawn, and adding a DUT changes nothing for the others.
+"""
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from importlib.metadata import entry_points
+from pathlib import Path
+from types import TracebackType
+from typing import Any, cast
+
+import serial
+import simpy
+
+from simulated_hw.physics.chamber import ChamberPlant
+from simulated_hw.physics.gyro import GyroUnit, earth_rate_dps
+from simulated_hw.physics.gyro_parameters import GYRO_CLASSES, GyroParameters, gyro_class
+from simulated_hw.physics.parameters import ChamberParameters, SiteParameters, TableParameters
+from simulated_hw.physics.rate_table import TablePlant
+from simulated_hw.truth import TruthLog
+from simulated_hw.wire import switchboard
+
+__all__ = [
+    "GYRO_CLASSES",
+    "ChamberParameters",
+    "GyroParameters",
+    "InstrumentSpec",
+    "SiteParameters",
+    "TableParameters",
+    "World",
+    "WorldError",
+    "WorldSpec",
+    "gyro_class",
+]
+
+_SIMULATORS = "fogbench.simulators"
+# pyserial looks here for modules named protocol_<scheme>.
+_HANDLERS = "simulated_hw.wire"
+
+Plant = ChamberPlant | TablePlant | GyroUnit
+
+
+class WorldError(Exception):
+    """A virtual bench that cannot be built as described."""
+
+
+@dataclass(frozen=True)
+class InstrumentSpec:
+    """One instrument as the bench file has it.
+
+    Fields:
+        driver: its name, under which a simulator is found too (entry points `fogbench.simulators`).
+        address: 'sim://NAME' for a serial port, 'can:NAME' for a CAN channel.
+        settings: the driver's settings, field names as keys.
+    """
+
+    driver: str
+    address: str
+    settings: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class WorldSpec:
+    """A virtual bench.
+
+    Fields:
+        seed: decides every random number.
+        chamber, rate_table, duts: the instruments; DUTs by serial number.
+        site, chamber_parameters, table_parameters: the plant.
+        gyro_parameters: by serial number; a DUT without an entry gets `GyroParameters()`. The data rate is the one in
+            the DUT's settings (`data_rate_hz`) if it is there.
+    """
+
+    seed: int
+    chamber: InstrumentSpec | None = None
+    rate_table: InstrumentSpec | None = None
+    duts: Mapping[str, InstrumentSpec] = field(default_factory=dict)
+    site: SiteParameters = field(default_factory=SiteParameters)
+    chamber_parameters: ChamberParameters = field(default_factory=ChamberParameters)
+    table_parameters: TableParameters = field(default_factory=TableParameters)
+    gyro_parameters: Mapping[str, GyroParameters] = field(default_factory=dict)
+
+
+class World:
+    """The plants and simulated instruments of one spec; `env` is their clock.
+
+    With a truth_dir the hidden parameters and the true course of things are written there (`simulated_hw.truth`).
+    """
+
+    def __init__(self, spec: WorldSpec, truth_dir: Path | None = None) -> None:
+        self.spec = spec
+        self.env = simpy.Environment()
+        self.chamber = ChamberPlant(spec.chamber_parameters, spec.seed)
+        self.table = TablePlant(spec.table_parameters, spec.seed)
+        self.gyros = {name: self._gyro(name, instrument) for name, instrument in spec.duts.items()}
+        self._truth_dir = truth_dir
+        self._truth: TruthLog | None = None
+        self._attached: list[str] = []
+
+    def _gyro(self, name: str, instrument: InstrumentSpec) -> GyroUnit:
+        parameters = self.spec.gyro_parameters.get(name, GyroParameters())
+        data_rate_hz = float(instrument.settings.get("data_rate_hz", parameters.data_rate_hz))
+        return GyroUnit(
+            replace(parameters, data_rate_hz=data_rate_hz),
+            self.chamber,
+            self.table,
+            seed=self.spec.seed,
+            serial=name,
+            earth_dps=earth_rate_dps(self.spec.site.latitude_deg),
+        )
+
+    def open(self) -> None:
+        """Put every instrument at its address and start the truth log.
+
+        Raises WorldError for a driver without a simulator or an address that is taken, OSError if the truth cannot be
+        written; nothing stays attached then.
+        """
+        if _HANDLERS not in serial.protocol_handler_packages:
+            serial.protocol_handler_packages.append(_HANDLERS)
+        try:
+            for instrument, plant in self._instruments():
+                self._attach(instrument, plant)
+            if self._truth_dir is not None:
+                seed = self.spec.seed
+                self._truth = TruthLog(self._truth_dir, self.env, self.chamber, self.table, self.gyros, seed)
+        except BaseException:
+            self.close()
+            raise
+
+    def _instruments(self) -> Iterator[tuple[InstrumentSpec, Plant]]:
+        if self.spec.chamber is not None:
+            yield self.spec.chamber, self.chamber
+        if self.spec.rate_table is not None:
+            yield self.spec.rate_table, self.table
+        for name, instrument in self.spec.duts.items():
+            yield instrument, self.gyros[name]
+
+    def _attach(self, instrument: InstrumentSpec, plant: Plant) -> None:
+        simulator = _simulator(instrument.driver)(self.env, plant, dict(instrument.settings))
+        try:
+            switchboard.attach(instrument.address, simulator)
+        except ValueError as error:
+            raise WorldError(str(error)) from error
+        self._attached.append(instrument.address)
+
+    def close(self) -> None:
+        """Detach every instrument and finish the truth log; closing twice is harmless."""
+        while self._attached:
+            switchboard.detach(self._attached.pop())
+        if self._truth is not None:
+            self._truth.close()
+
+    def __enter__(self) -> "World":
+        self.open()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+
+def _simulator(driver: str) -> Callable[[simpy.Environment, Plant, dict[str, Any]], switchboard.Instrument]:
+    found = entry_points(group=_SIMULATORS)
+    if driver not in found.names:
+        names = ", ".join(sorted(found.names)) or "none: is fogbench installed?"
+        raise WorldError(f"no simulator for driver {driver!r}; there are {names} (entry points {_SIMULATORS})")
+    loaded = found[driver].load()
+    return cast(Callable[[simpy.Environment, Plant, dict[str, Any]], switchboard.Instrument], loaded)
