@@ -6,19 +6,25 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.metadata import entry_points
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
+import pandas as pd
 
 from bench.clock import stopwatch
 from bench.errors import UserMistake, did_you_mean
-from bench.points import usable
+from bench.points import usable, write_table
 from bench.procedure.language import Analysis
 from bench.runfolder import write_json
 from fitting.modelfile import save_model
-from fitting.validation import Evaluation, SplitPlan, evaluate
+from fitting.splits import SplitPlan
+from fitting.validation import Evaluation, evaluate
 
-INPUT_COLUMNS = {"dut_temperature": "dut_temperature_degc", "rate": "rate_mean_dps"}
+INPUT_COLUMNS = {
+    "dut_temperature": "dut_temperature_degc",
+    "chamber_temperature": "chamber_readback_degc",
+    "rate": "rate_mean_dps",
+}
 
 
 @dataclass(frozen=True)
@@ -46,13 +52,16 @@ def model_factories(names: Sequence[str]) -> dict[str, Any]:
     return {name: known[name].load() for name in names}
 
 
-def analyse(folder: Path, points: Any, duts: Sequence[str], analysis: Analysis, meta: dict[str, Any]) -> dict[str, Any]:
+def analyse(
+    folder: Path, points: pd.DataFrame, duts: Sequence[str], analysis: Analysis, meta: dict[str, Any]
+) -> dict[str, Any]:
     """Fit every model to every DUT's points; write models/ and metrics.json into the run folder.
 
     Returns {"metrics": as written, "notes": what could not be done and why}.
     """
     metrics: dict[str, Any] = {}
     notes: list[str] = []
+    residuals: list[pd.DataFrame] = []
     for dut in duts:
         table = usable(points, dut)
         try:
@@ -61,35 +70,41 @@ def analyse(folder: Path, points: Any, duts: Sequence[str], analysis: Analysis, 
             notes.append(f"{dut}: no fit: {error}")
             continue
         metrics[dut] = evaluation.metrics
-        notes += [f"{dut}: {note}" for note in evaluation.notes]
-        _save_models(folder / "models" / dut, dut, evaluation, analysis, meta)
+        notes += [f"{dut}: {reason}" for reason in evaluation.unavailable.values()]
+        residuals.append(_residuals(evaluation, table, dut))
+        _save_models(folder / "models" / dut, evaluation, {**meta, "dut": dut, "inputs": list(analysis.inputs)})
     write_json(folder / "metrics.json", metrics)
+    if residuals:
+        write_table(folder / "residuals.parquet", pd.concat(residuals, ignore_index=True))
     return {"metrics": metrics, "notes": notes}
 
 
-def _evaluate(table: Any, analysis: Analysis) -> Evaluation:
+def _evaluate(table: pd.DataFrame, analysis: Analysis) -> Evaluation:
     random, held_out = analysis.splits.random, analysis.splits.leave_temperatures_out
-    split = random.train if random.train is not None else random.share
     return evaluate(
         model_factories(analysis.models),
         table[[INPUT_COLUMNS[name] for name in analysis.inputs]].to_numpy(dtype=np.float64),
         table["rate_reference_dps"].to_numpy(dtype=np.float64),
         u=table["rate_mean_u_dps"].to_numpy(dtype=np.float64),
         groups=table["dwell"].to_numpy(),
-        splits=SplitPlan(train=split, seed=random.seed, folds=held_out.folds),
+        splits=SplitPlan(random.share, random.train, random.seed, held_out.folds),
         seed=analysis.seed,
         timer=stopwatch,
     )
 
 
-def _save_models(folder: Path, dut: str, evaluation: Evaluation, analysis: Analysis, meta: dict[str, Any]) -> None:
+def _residuals(evaluation: Evaluation, table: pd.DataFrame, dut: str) -> pd.DataFrame:
+    """Every held-back or trained error with the point it belongs to: point, dut, model, split, predicted, residual."""
+    residuals = evaluation.residuals
+    points = table["point"].to_numpy()[residuals["row"].to_numpy()]
+    return residuals.drop(columns="row").assign(point=points, dut=dut)
+
+
+def _save_models(folder: Path, evaluation: Evaluation, meta: dict[str, Any]) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     for name, estimator in evaluation.fitted.items():
-        save_model(
-            folder / f"{name}.json",
-            estimator,
-            {**meta, "dut": dut, "model": name, "inputs": list(analysis.inputs), "metrics": evaluation.metrics[name]},
-        )
+        figures = {split: dict(values) for split, values in evaluation.metrics[name].items()}
+        save_model(folder / f"{name}.json", cast(Any, estimator), {**meta, "model": name}, figures)
 
 
 def judge_limits(analysis: Analysis, metrics: dict[str, Any], duts: Sequence[str]) -> list[Judged]:

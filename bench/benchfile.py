@@ -234,7 +234,14 @@ def _instrument(
             Problem(mark, f"unknown driver '{entry.driver}' for a {name if role != 'dut' else 'DUT'}.{hint}")
         )
         return None
-    driver_class = found.load()
+    try:
+        driver_class = found.load()
+    except ImportError as error:
+        message = (
+            f"the driver '{entry.driver}' ({found.value}) cannot be loaded: {error}. Is its package installed whole?"
+        )
+        problems.append(Problem(document.mark((*path, "driver")), message))
+        return None
     settings = _settings(driver_class, document, (*path, "settings"), folder, problems)
     if settings is None:
         return None
@@ -267,9 +274,7 @@ def _check_ports(instruments: list[Instrument], document: Document, problems: li
     taken: dict[str, Instrument] = {}
     for item in instruments:
         other = taken.setdefault(item.address, item)
-        shared_can = isinstance(item.port, CanPort) and isinstance(other.port, CanPort)
-        if other is not item and not shared_can:
-            message = f"{item.name} is on {item.address}, where {other.name} already is. Each needs a port of its own."
+        if other is not item and (message := _conflict(item, other)):
             problems.append(Problem(document.mark((*item.path, "port")), message))
     real = [item for item in instruments if not item.simulated]
     if real and len(real) < len(instruments):
@@ -278,3 +283,18 @@ def _check_ports(instruments: list[Instrument], document: Document, problems: li
         problems.append(
             Problem(mark, f"some ports are simulated and some real ({names}); a bench is all virtual or all real.")
         )
+
+
+def _conflict(item: Instrument, other: Instrument) -> str | None:
+    """Why two instruments cannot have the same address; on a CAN bus they can, with identifiers of their own."""
+    where = f"{item.name} is on {item.address}, where {other.name} already is"
+    if not isinstance(item.port, CanPort) or not isinstance(other.port, CanPort):
+        return f"{where}. Each needs a port of its own."
+    if item.port.bitrate != other.port.bitrate:
+        return f"{where}, at {other.port.bitrate} and not {item.port.bitrate} bit/s. A bus has one bitrate."
+    identifiers = [
+        one.driver_class.can_id(one.settings) for one in (item, other) if hasattr(one.driver_class, "can_id")
+    ]
+    if len(identifiers) == 2 and identifiers[0] == identifiers[1]:
+        return f"{where}, sending the same identifier {identifiers[0] & 0x1FFFFFFF:X}. Give each its own (can_id)."
+    return None

@@ -13,6 +13,7 @@ from bench.errors import InvalidFiles, Mark, Problem, did_you_mean
 from bench.overrides import Override, editor
 from bench.procedure.language import (
     Acquire,
+    Analysis,
     Band,
     Dwell,
     GoToPosition,
@@ -60,25 +61,21 @@ def check(procedure_path: Path, bench_path: Path, overrides: Sequence[Override] 
     """Check a procedure against a bench. Raises InvalidFiles with every mistake found."""
     procedure, problems = parse_procedure(procedure_path, editor(overrides, "procedure"))
     bench, bench_problems = load_bench(bench_path, editor(overrides, "bench"))
-    problems += bench_problems
     plan: list[PlannedStep] = []
     if procedure:
         plan, sweep_problems = expand(procedure.steps)
-        problems += sweep_problems
+        # What only a whole plan can tell would be said wrongly of what is left of a plan with mistakes in it.
+        whole = not problems and not sweep_problems
+        problems += [*sweep_problems, *_model_problems(procedure), *(_plan_problems(procedure, plan) if whole else ())]
+    problems += bench_problems
     if bench:
-        problems += check_simulation(bench)
+        problems += [*_safe_problems(bench), *check_simulation(bench)]
     if procedure and bench:
-        problems += [problem for step in plan for problem in _step_problems(step, procedure.head, bench)]
-        problems += _analysis_problems(procedure, plan)
-    duration_s = estimate_duration_s(plan)
-    if procedure and procedure.head.limits.duration_s and duration_s > procedure.head.limits.duration_s:
-        limit = format_duration(procedure.head.limits.duration_s)
-        mark = procedure.document.mark(("limits", "duration"))
-        problems.append(
-            Problem(mark, f"the procedure takes about {format_duration(duration_s)}, its limit is {limit}.")
-        )
+        problems += [problem for step in plan for problem in _step_problems(step, bench)]
+        problems += _limit_problems(plan, procedure.head, bench)
     if problems or procedure is None or bench is None:
         raise InvalidFiles(problems)
+    duration_s = estimate_duration_s(plan)
     return Checked(procedure, bench, plan, duration_s, _disk_bytes(plan, procedure.head, bench))
 
 
@@ -108,51 +105,82 @@ def _disk_bytes(plan: Sequence[PlannedStep], head: ProcedureHead, bench: Bench) 
     return total
 
 
-def _step_problems(step: PlannedStep, head: ProcedureHead, bench: Bench) -> Iterator[Problem]:
+def _step_problems(step: PlannedStep, bench: Bench) -> Iterator[Problem]:
+    args, missing = step.args, "Add one to the bench file, or leave the step out."
+    messages: list[str] = []
+    if isinstance(args, SetTemperature | RampTemperature) and bench.file.chamber is None:
+        messages = [f"this bench has no chamber. {missing}"]
+    elif isinstance(args, SetRate | Settle | GoToPosition) and bench.rate_table is None:
+        messages = [f"this bench has no rate table. {missing}"]
+    elif isinstance(args, Acquire):
+        messages = list(_acquire_messages(args, bench))
+    yield from (Problem(step.mark, f"'{step.verb}': {message}") for message in messages)
+
+
+@dataclass(frozen=True)
+class _Breach:
+    """A setpoint beyond a limit: whose limit and which end of it, by how much, and in words."""
+
+    limit: tuple[str, str]
+    value: float
+    excess: float
+    message: str
+
+
+def _limit_problems(plan: Sequence[PlannedStep], head: ProcedureHead, bench: Bench) -> Iterator[Problem]:
+    """One problem for each place and limit: the value farthest out, and how many others of a sweep are out too."""
+    found: dict[tuple[Mark, str, tuple[str, str]], dict[float, _Breach]] = {}
+    for step in plan:
+        for breach in _breaches(step, head, bench):
+            found.setdefault((step.mark, step.verb, breach.limit), {})[breach.value] = breach
+    for (mark, verb, _), breaches in found.items():
+        worst = max(breaches.values(), key=lambda breach: breach.excess)
+        others = len(breaches) - 1
+        more = f" So {'is' if others == 1 else 'are'} {others} more of the values visited here." if others else ""
+        yield Problem(mark, f"'{verb}': {worst.message}{more}")
+
+
+def _breaches(step: PlannedStep, head: ProcedureHead, bench: Bench) -> Iterator[_Breach]:
     args = step.args
-
-    def problem(message: str) -> Problem:
-        return Problem(step.mark, f"'{step.verb}': {message}")
-
     if isinstance(args, SetTemperature | RampTemperature):
-        yield from map(problem, _temperature_messages(args, head, bench))
-    if isinstance(args, SetRate | Settle | GoToPosition) and bench.rate_table is None:
-        yield problem("this bench has no rate table. Add one to the bench file, or leave the step out.")
-    if isinstance(args, SetRate):
-        yield from map(problem, _rate_messages(args.to_dps, head, bench))
-    if isinstance(args, Settle) and step.rate_dps is None:
-        yield problem("no rate was set before it. Put a set_rate or a rate sweep around it.")
-    if isinstance(args, Acquire):
-        yield from map(problem, _acquire_messages(args, bench))
-
-
-def _temperature_messages(args: SetTemperature | RampTemperature, head: ProcedureHead, bench: Bench) -> Iterator[str]:
-    if bench.file.chamber is None:
-        yield "this bench has no chamber. Add one to the bench file, or leave the step out."
-        return
-    bands: list[tuple[str, Band | None]] = [
-        ("the procedure's own limits", head.limits.temperature),
-        ("the chamber", bench.file.chamber.limits.temperature),
-        *((f"DUT {serial}", dut.limits.temperature) for serial, dut in bench.file.duts.items()),
-    ]
-    for owner, band in bands:
-        if band and not band.from_degc <= args.to_degc <= band.to_degc:
-            yield f"{args.to_degc:g} degC is outside {owner}: {band.from_degc:g} to {band.to_degc:g} degC."
+        yield from _temperature_breaches(args.to_degc, head, bench)
     if isinstance(args, RampTemperature):
-        ramps = [("the chamber", bench.file.chamber.limits.ramp_degc_min), ("the procedure", head.limits.ramp_degc_min)]
-        for owner, limit in ramps:
-            if limit is not None and args.rate_degc_min > limit:
-                yield f"a ramp of {args.rate_degc_min:g} degC/min is above the limit of {owner}, {limit:g} degC/min."
+        yield from _ramp_breaches(args.rate_degc_min, head, bench)
+    if isinstance(args, SetRate):
+        yield from _rate_breaches(args.to_dps, head, bench)
 
 
-def _rate_messages(rate_dps: float, head: ProcedureHead, bench: Bench) -> Iterator[str]:
+def _temperature_breaches(value: float, head: ProcedureHead | None, bench: Bench) -> Iterator[_Breach]:
+    bands: list[tuple[str, Band | None]] = [("the procedure's own limits", head.limits.temperature if head else None)]
+    if bench.file.chamber:
+        bands.append(("the chamber", bench.file.chamber.limits.temperature))
+    bands += [(f"DUT {serial}", dut.limits.temperature) for serial, dut in bench.file.duts.items()]
+    for owner, band in bands:
+        if band and not band.from_degc <= value <= band.to_degc:
+            end, excess = ("low", band.from_degc - value) if value < band.from_degc else ("high", value - band.to_degc)
+            message = f"{value:g} degC is outside {owner}: {band.from_degc:g} to {band.to_degc:g} degC."
+            yield _Breach((owner, end), value, excess, message)
+
+
+def _ramp_breaches(value: float, head: ProcedureHead, bench: Bench) -> Iterator[_Breach]:
+    limits = [("the procedure", head.limits.ramp_degc_min)]
+    if bench.file.chamber:
+        limits.append(("the chamber", bench.file.chamber.limits.ramp_degc_min))
+    for owner, limit in limits:
+        if limit is not None and value > limit:
+            message = f"a ramp of {value:g} degC/min is above the limit of {owner}, {limit:g} degC/min."
+            yield _Breach((owner, "ramp"), value, value - limit, message)
+
+
+def _rate_breaches(value: float, head: ProcedureHead, bench: Bench) -> Iterator[_Breach]:
     limits = [("the procedure's own limit", head.limits.rate_dps)]
     if bench.file.rate_table:
         limits.append(("the rate table's limit", bench.file.rate_table.limits.rate_dps))
     limits += [(f"the full scale of DUT {serial}", dut.limits.rate_dps) for serial, dut in bench.file.duts.items()]
     for owner, limit in limits:
-        if limit is not None and abs(rate_dps) > limit:
-            yield f"{rate_dps:g} deg/s is above {owner}, ± {limit:g} deg/s."
+        if limit is not None and abs(value) > limit:
+            message = f"{value:g} deg/s is above {owner}, ± {limit:g} deg/s."
+            yield _Breach((owner, "rate"), value, abs(value) - limit, message)
 
 
 def _acquire_messages(args: Acquire, bench: Bench) -> Iterator[str]:
@@ -167,29 +195,61 @@ def _acquire_messages(args: Acquire, bench: Bench) -> Iterator[str]:
             )
 
 
-def _analysis_problems(procedure: ParsedProcedure, plan: Sequence[PlannedStep]) -> Iterator[Problem]:
+def _safe_problems(bench: Bench) -> Iterator[Problem]:
+    """Where the safe state of the chamber breaks the limits of the bench."""
+    chamber, mark = bench.file.chamber, bench.document.mark
+    if chamber is None or chamber.safe.action == "hold":
+        return
+    safe, limit = chamber.safe, chamber.limits.ramp_degc_min
+    for breach in _temperature_breaches(safe.temperature_degc, None, bench):
+        yield Problem(mark(("chamber", "safe", "temperature")), f"the safe state: {breach.message}")
+    if safe.rate_degc_min > limit:
+        message = f"the safe state: {safe.rate_degc_min:g} degC/min is above the chamber's limit, {limit:g} degC/min."
+        yield Problem(mark(("chamber", "safe", "rate")), message)
+
+
+def _model_problems(procedure: ParsedProcedure) -> Iterator[Problem]:
+    """Models that are not installed, and limits for models that are not fitted."""
     analysis = procedure.head.analysis
     if analysis is None:
         return
     known = [item.name for item in entry_points(group="fogbench.models")]
+    for index, name in enumerate(analysis.models):
+        if name not in known:
+            mark = procedure.document.mark(("analysis", "models", index))
+            yield Problem(mark, f"unknown model '{name}'.{did_you_mean(name, known)}")
+    for index, limit in enumerate(analysis.limits):
+        if limit.model not in analysis.models:
+            mark = procedure.document.mark(("analysis", "limits", index, "model"))
+            hint = did_you_mean(limit.model, analysis.models)
+            yield Problem(mark, f"the limit is for '{limit.model}', which is not fitted.{hint}")
 
+
+def _plan_problems(procedure: ParsedProcedure, plan: Sequence[PlannedStep]) -> Iterator[Problem]:
+    """What depends on the order of the steps and on their sum."""
+    for step in plan:
+        if isinstance(step.args, Settle) and step.rate_dps is None:
+            yield Problem(step.mark, "'settle': no rate was set before it. Put a set_rate or a rate sweep around it.")
+    limit_s, duration_s = procedure.head.limits.duration_s, estimate_duration_s(plan)
+    if limit_s is not None and duration_s > limit_s:
+        mark = procedure.document.mark(("limits", "duration"))
+        message = f"the procedure takes about {format_duration(duration_s)}, its limit is {format_duration(limit_s)}."
+        yield Problem(mark, message)
+    if procedure.head.analysis:
+        yield from _fit_problems(procedure.head.analysis, procedure, [step for step in plan if step.point is not None])
+
+
+def _fit_problems(analysis: Analysis, procedure: ParsedProcedure, points: Sequence[PlannedStep]) -> Iterator[Problem]:
     def mark(*path: str | int) -> Mark:
         return procedure.document.mark(("analysis", *path))
 
-    for index, name in enumerate(analysis.models):
-        if name not in known:
-            yield Problem(mark("models", index), f"unknown model '{name}'.{did_you_mean(name, known)}")
-    for index, limit in enumerate(analysis.limits):
-        if limit.model not in analysis.models:
-            hint = did_you_mean(limit.model, analysis.models)
-            yield Problem(mark("limits", index), f"the limit is for '{limit.model}', which is not fitted.{hint}")
-    points = [step for step in plan if step.point is not None]
     if not points:
         yield Problem(mark(), "there is nothing to analyse: the steps hold no acquire.")
         return
-    if analysis.splits.random.train is not None and analysis.splits.random.train >= len(points):
-        message = f"{analysis.splits.random.train} rows for training, but only {len(points)} points are measured."
-        yield Problem(mark("splits", "random"), message)
+    train = analysis.splits.random.train
+    if train is not None and train >= len(points):
+        message = f"{train} rows for training, but only {len(points)} points are measured."
+        yield Problem(mark("splits", "random", "train"), message)
     if any(step.rate_dps is None for step in points):
         yield Problem(
             mark(), "some points have no rate setpoint, so there is no reference to fit to. Set a rate first."

@@ -110,7 +110,7 @@ def read_journal(path: Path) -> Iterator[Entry]:
 def _decode(line: bytes) -> Entry | None:
     checksum, _, body = line.partition(b" ")
     try:
-        if len(checksum) != 8 or int(checksum, 16) != zlib.crc32(body):
+        if checksum != b"%08x" % zlib.crc32(body):
             return None
         entry = json.loads(body)
     except (ValueError, RecursionError):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -18,7 +18,7 @@ class Override:
     """One --set: which file, where in it, and the new value."""
 
     root: str
-    path: Path_
+    path: tuple[str, ...]
     value: Any
     text: str
 
@@ -40,8 +40,7 @@ def _parse(text: str) -> Override:
         value = parse_yaml(value_text, f"--set {path_text}").data
     except InvalidFiles as error:
         raise UserMistake(str(error)) from None
-    path = tuple(int(part) if part.isdigit() else part for part in parts)
-    return Override(root, path, value, text)
+    return Override(root, tuple(parts), value, text)
 
 
 def editor(overrides: Sequence[Override], root: str) -> Callable[[Document], Document]:
@@ -58,30 +57,44 @@ def editor(overrides: Sequence[Override], root: str) -> Callable[[Document], Doc
 
 def _apply(document: Document, item: Override) -> Document:
     data = copy.deepcopy(document.data)
-    place = data
+    place: Any = data
+    path: list[str | int] = []
+    made = len(item.path)
     for depth, part in enumerate(item.path[:-1]):
         if isinstance(place, dict) and part not in place and item.root == "bench" and depth > 0:
             place[part] = {}
-        place = _descend(place, part, item)
-    last = item.path[-1]
-    if isinstance(place, list):
-        _descend(place, last, item)
-    elif not isinstance(place, dict):
-        raise UserMistake(f"--set {item.text}: there is no mapping or list to put '{last}' into.")
-    place[last] = item.value
-    mark = Mark(f"--set {item.text}")
-    return replace(
-        document,
-        data=data,
-        values={**document.values, item.path: mark},
-        keys={**document.keys, item.path: mark},
-    )
+            made = min(made, depth + 1)
+        path.append(_key(place, part, item))
+        place = place[path[-1]]
+    if not isinstance(place, dict | list):
+        raise UserMistake(f"--set {item.text}: there is no mapping or list to put '{item.path[-1]}' into.")
+    path.append(item.path[-1] if isinstance(place, dict) else _key(place, item.path[-1], item))
+    place[path[-1]] = item.value  # type: ignore[index]
+    return _marked(replace(document, data=data), tuple(path), made, item)
 
 
-def _descend(place: Any, part: str | int, item: Override) -> Any:
-    if isinstance(place, list) and isinstance(part, int) and part < len(place):
-        return place[part]
+def _key(place: Any, part: str, item: Override) -> str | int:
+    """The key or index that a part of a path means."""
     if isinstance(place, dict) and part in place:
-        return place[part]
-    keys = [str(key) for key in place] if isinstance(place, dict) else [str(i) for i in range(len(place or []))]
-    raise UserMistake(f"--set {item.text}: the file has no '{part}' there.{did_you_mean(str(part), keys)}")
+        return part
+    indices = [str(index) for index in range(len(place))] if isinstance(place, list) else []
+    if part in indices:
+        return int(part)
+    keys = list(place) if isinstance(place, dict) else indices
+    raise UserMistake(f"--set {item.text}: the file has no '{part}' there.{did_you_mean(part, keys)}")
+
+
+def _marked(document: Document, path: Path_, made: int, item: Override) -> Document:
+    """The document with the marks of the new value, and of the `made`-th part of its path on, on the --set."""
+    mark = Mark(f"--set {item.text}")
+    new = dict.fromkeys([path[:end] for end in range(made, len(path))] + list(_paths(path, item.value)), mark)
+    values = {at: old for at, old in document.values.items() if at[: len(path)] != path}
+    keys = {at: old for at, old in document.keys.items() if at[: len(path)] != path}
+    return replace(document, values=values | new, keys=keys | new)
+
+
+def _paths(path: Path_, value: Any) -> Iterator[Path_]:
+    yield path
+    children = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
+    for key, inner in children:
+        yield from _paths((*path, key), inner)

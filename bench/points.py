@@ -51,7 +51,16 @@ COLUMNS = (
     "reasons",
 )
 
-# Digits kept: a tenth of a micro-degree per second and of a millikelvin, below any figure that is reported.
+# Column of timeline.parquet -> field of a readback record.
+_READBACKS = {
+    "t_s": "t_s",
+    "chamber_setpoint_degc": "chamber_setpoint_degc",
+    "chamber_readback_degc": "chamber_degc",
+    "rate_setpoint_dps": "rate_setpoint_dps",
+    "rate_readback_dps": "rate_dps",
+}
+
+# Digits kept: to 1e-10 deg/s, 1e-6 degC, 1e-8 degC/min and 1e-6 s, below any figure that is reported.
 _DIGITS = {"_dps": 10, "_degc": 6, "_degc_min": 8, "_s": 6}
 
 
@@ -123,16 +132,23 @@ def judge(row: Row, frames: FrameBatch, planned_samples: int, planned_frames: in
     raw = frames.columns["rate"]
     if len(raw) > 10 and (raw == raw[0]).all():
         return "fail", "output frozen"
+    invalid = np.count_nonzero(~frames.good)
     checks = [
-        ("frames lost", row["frames_lost"] / planned_frames * 1e6, quality.lost_ppm),
-        ("outliers", row["outliers"] / planned_samples * 1e6, quality.outliers_ppm),
-        ("DUT temperature slope", abs(row["dut_temperature_slope_degc_min"] or 0.0), quality.slope_degc_min),
+        ("frames lost", row["frames_lost"] / planned_frames * 1e6, quality.lost_ppm, "ppm"),
+        ("frames invalid by their status", invalid / planned_frames * 1e6, quality.lost_ppm, "ppm"),
+        ("outliers", row["outliers"] / planned_samples * 1e6, quality.outliers_ppm, "ppm"),
+        (
+            "DUT temperature slope",
+            abs(row["dut_temperature_slope_degc_min"] or 0.0),
+            quality.slope_degc_min,
+            "degC/min",
+        ),
     ]
     if row["rate_readback_dps"] is not None and row["rate_setpoint_dps"] is not None:
         off_rate = abs(row["rate_readback_dps"] - row["rate_setpoint_dps"])
-        checks.append(("table off its rate", off_rate, quality.rate_band_dps))
-    reasons = [f"{name} {value:.4g} over {limit:g}" for name, value, limit in checks if value > limit]
-    failed = any(value > limit * quality.fail_at for _, value, limit in checks)
+        checks.append(("table off its rate", off_rate, quality.rate_band_dps, "deg/s"))
+    reasons = [f"{name} {value:.4g} over {limit:g} {unit}" for name, value, limit, unit in checks if value > limit]
+    failed = any(value > limit * quality.fail_at for _, value, limit, _ in checks)
     return ("fail" if failed else "marginal" if reasons else "pass"), "; ".join(reasons)
 
 
@@ -158,17 +174,9 @@ def timeline_of(entries: Iterable[Entry]) -> pd.DataFrame:
     for entry in entries:
         if entry["kind"] == "readback":
             temperatures = {f"temperature_degc:{dut}": degc for dut, degc in entry["dut_degc"].items()}
-            rows.append(
-                {
-                    "t_s": entry["t_s"],
-                    "chamber_setpoint_degc": entry.get("chamber_setpoint_degc"),
-                    "chamber_readback_degc": entry.get("chamber_degc"),
-                    "rate_setpoint_dps": entry.get("rate_setpoint_dps"),
-                    "rate_readback_dps": entry.get("rate_dps"),
-                    **temperatures,
-                }
-            )
-    return pd.DataFrame(rows).astype("float64")
+            rows.append({name: entry.get(key) for name, key in _READBACKS.items()} | temperatures)
+    duts = dict.fromkeys(name for row in rows for name in row if name not in _READBACKS)
+    return pd.DataFrame(rows, columns=[*_READBACKS, *duts]).astype("float64")
 
 
 def write_points(folder: Path, points: pd.DataFrame) -> None:
@@ -187,5 +195,7 @@ def write_table(path: Path, table: pd.DataFrame) -> None:
 def usable(points: pd.DataFrame, dut: str) -> pd.DataFrame:
     """The points of a DUT that a fit may use: measured and not failed."""
     needed = ["dut_temperature_degc", "rate_mean_dps", "rate_reference_dps", "rate_mean_u_dps"]
-    mine = points[(points["dut"] == dut) & (points["verdict"] != "fail")]
-    return mine[np.isfinite(mine[needed].to_numpy()).all(axis=1)].reset_index(drop=True)
+    mine = (points["dut"] == dut) & (points["verdict"] != "fail")
+    measured = np.isfinite(points[needed].to_numpy()).all(axis=1)
+    kept: pd.DataFrame = points.loc[mine & measured].reset_index(drop=True)
+    return kept

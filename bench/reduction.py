@@ -52,9 +52,9 @@ def to_samples(
 ) -> Samples:
     """Assign frames to the intervals of an acquisition and reduce each.
 
-    `offset` is the frame index minus that of the first frame of the acquisition; frame k belongs to interval
-    floor(k / frames_per_sample), on the gyro's own clock, so that arrival jitter moves no frame. A sample is the mean
-    of its good frames, or the newest of them.
+    `offset` is the frame index minus that of the first frame of the acquisition, rising; frame k belongs to interval
+    floor((k + ½) / frames_per_sample), the one its middle lies in on the gyro's own clock, so that arrival jitter moves
+    no frame. A sample is the mean of its good frames, or the newest of them.
     """
     whole = round(frames_per_sample)
     if whole == frames_per_sample and len(offset) == whole * count and good.all() and offset[-1] == whole * count - 1:
@@ -107,7 +107,7 @@ def point_statistics(samples: Samples, every_s: float) -> PointStatistics | None
 
 
 def outliers(values: Floats) -> NDArray[np.bool_]:
-    """Which values are farther than 6 scaled MAD from the median.
+    """Which values are farther than 6 scaled MAD from the median; none if more than half of them are equal.
 
     >>> outliers(np.array([1.0, 1.1, 0.9, 1.05, 9.0]))
     array([False, False, False, False,  True])

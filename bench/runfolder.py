@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import re
@@ -27,30 +28,45 @@ def new_run_folder(results: Path, run_id: str) -> Path:
     """Where run `run_id` will live; it must not exist yet and `results` must be writable. Raises UserMistake."""
     check_run_id(run_id)
     folder = results / run_id
-    if folder.exists():
-        raise UserMistake(
-            f"the run '{run_id}' already exists in {results}. A run is never overwritten: choose another --run-id, or "
-            f"look at it with: fogbench report {folder}"
-        )
-    existing = next(path for path in (results, *results.absolute().parents) if path.exists())
+    existing = _nearest(results)
     if not existing.is_dir() or not os.access(existing, os.W_OK | os.X_OK):
         raise UserMistake(
             f"{results}: results cannot be written here ({existing} is not a writable folder). Choose another folder "
             "with --results, or change its permissions. Nothing was started."
         )
+    if folder.exists():
+        raise UserMistake(
+            f"the run '{run_id}' already exists in {results}. A run is never overwritten: choose another --run-id, or "
+            f"look at it with: fogbench report {folder}"
+        )
     return folder
+
+
+def _nearest(folder: Path) -> Path:
+    """The folder, or the nearest of those above it that can be seen."""
+    for path in (folder, *folder.absolute().parents):
+        with contextlib.suppress(OSError, ValueError):
+            path.lstat()
+            return path
+    return Path("/")
 
 
 def find_run(run: str, results: Path) -> Path:
     """The folder of a run given as a folder or a run id. Raises UserMistake."""
-    folder = Path(run)
-    if not (folder / "journal.jsonl").is_file():
-        folder = results / run
-    if RUN_ID.fullmatch(Path(run).name) and (folder / "journal.jsonl").is_file():
-        return folder
+    if _holds_a_run(Path(run)):
+        return Path(run)
+    if RUN_ID.fullmatch(run) and _holds_a_run(results / run):
+        return results / run
     known = sorted(path.parent.name for path in results.glob("*/journal.jsonl")) if results.is_dir() else []
     shown = f" Runs in {results}: {', '.join(known[-8:])}." if known else f" There are no runs in {results}."
     raise UserMistake(f"'{run}' is neither a run folder nor a run id.{shown} See: fogbench list")
+
+
+def _holds_a_run(folder: Path) -> bool:
+    try:
+        return (folder / "journal.jsonl").is_file()
+    except OSError:  # a name too long, a folder that may not be entered
+        return False
 
 
 def write_atomic(path: Path, data: bytes) -> None:

@@ -47,7 +47,7 @@ _WORDS: dict[str, Any] = {"": None, "~": None} | {
 }
 # What pyyaml says, and what a stranger to YAML may have done.
 _HINTS = {
-    "cannot start any token": "Indent with spaces, not tabs; put text that begins with a sign such as % or @ in quotes.",
+    "cannot start any token": "Indent with spaces, not tabs; put text that begins with % or @ in quotes.",
     "mapping values are not allowed": "Is a line above it indented wrongly, or a text with ': ' in it not in quotes?",
 }
 

@@ -1,7 +1,7 @@
 """Writes docs/reference/procedure.md and bench.md from the models that check the files.
 
-Run `python docs/generate_reference.py` after changing bench/procedure/language.py, bench/benchfile.py or the settings of
-a driver or simulator; a test fails while the pages are behind.
+Run `python docs/generate_reference.py` after changing bench/procedure/language.py, bench/benchfile.py or the settings
+of a driver or simulator; a test fails while the pages are behind.
 """
 
 import dataclasses

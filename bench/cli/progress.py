@@ -69,7 +69,7 @@ class ProgressPrinter:
         step = progress.step
         remaining = self._prepared.forecast.remaining_s(step.number, progress.t_s - self._step_began_s)
         wall = ""
-        if self._virtual and progress.t_s > 0:
+        if self._virtual and progress.t_s > self._prepared.forecast.duration_s / 100:
             wall = f" ({(stopwatch() - self._began) / progress.t_s * remaining:.0f} s)"
         planned = self._prepared.checked.points
         return (

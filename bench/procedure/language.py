@@ -306,13 +306,24 @@ class AnalysisLimit(YamlMapping):
 
 
 class Analysis(YamlMapping):
-    """What is fitted to the points after the run, and what it must reach."""
+    """What is fitted to the points after the run, and what it must reach.
+
+    `inputs` are the model's: a temperature (the DUT's own sensor, or the chamber's readback) and the DUT's output rate.
+    """
 
     models: list[Name] = Field(min_length=1)
-    inputs: list[Literal["dut_temperature", "rate"]] = Field(default=["dut_temperature", "rate"], min_length=1)
+    inputs: list[Literal["dut_temperature", "chamber_temperature", "rate"]] = Field(
+        default=["dut_temperature", "rate"], min_length=2, max_length=2
+    )
     splits: Splits = Field(default_factory=Splits)
     limits: list[AnalysisLimit] = Field(default_factory=list)
     seed: int = 0
+
+    @model_validator(mode="after")
+    def _a_temperature_and_the_rate(self) -> Analysis:
+        if self.inputs[0] == "rate" or self.inputs[1] != "rate":
+            raise ValueError("'inputs' are a temperature and the rate, e.g. inputs: [dut_temperature, rate]")
+        return self
 
 
 class ProcedureHead(YamlMapping):

@@ -25,7 +25,7 @@ from bench.procedure.language import (
 from bench.procedure.parse import StepNode
 
 MAX_STEPS = 500_000
-# Values of ranges are rounded so that 0.1-steps visit 0.3 and not 0.30000000000000004 (setpoints are keys in the record).
+# Values of ranges are rounded: 0.1-steps visit 0.3 and not 0.30000000000000004 (setpoints are keys in the record).
 _DIGITS = 9
 
 

@@ -1,0 +1,1 @@
+"""Real instruments: synchronous drivers, engineering units in and out."""

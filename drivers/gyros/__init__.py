@@ -1,0 +1,1 @@
+"""Gyros: streams of frames over a serial line or CAN."""

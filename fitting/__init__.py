@@ -1,0 +1,1 @@
+"""Compensation models: arrays in, parameters out."""

@@ -1,0 +1,1 @@
+"""The same instruments as physics, in virtual time, speaking the same bytes."""

@@ -1,0 +1,34 @@
+"""What a wire front end asks of a gyro: which frames it has sent, and what was in them; nothing of wires."""
+
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+# Frames made and encoded together: enough to be fast, few enough to stay in the processor's second-level cache.
+SLICE_FRAMES = 8192
+
+
+class GyroBlock(Protocol):
+    """Consecutive frames: float64[n], float64[n], bool[n]."""
+
+    @property
+    def rate_dps(self) -> NDArray[np.float64]: ...
+    @property
+    def temperature_degc(self) -> NDArray[np.float64]: ...
+    @property
+    def good(self) -> NDArray[np.bool_]: ...
+
+
+class GyroPhysics(Protocol):
+    """Frames 0, 1, 2 ... sent evenly, on its own clock, by a gyro powered from time 0 on."""
+
+    data_rate_hz: float
+
+    def frames_until(self, now_s: float) -> int:
+        """How many frames have been sent by then."""
+        ...
+
+    def block(self, first: int, end: int, /) -> GyroBlock:
+        """Frames first ... end - 1."""
+        ...

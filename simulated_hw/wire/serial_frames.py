@@ -1,0 +1,51 @@
+"""A gyro that sends declared frames over a serial line: the far end of `drivers.gyros.serial_frames`."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import simpy
+
+from drivers.codecs.batch import Raw
+from drivers.codecs.counters import counter_values
+from drivers.codecs.frame_spec import FrameSpec
+from drivers.codecs.frames import encode
+from simulated_hw.wire.gyro_physics import SLICE_FRAMES, GyroPhysics
+
+_BAUD = 921_600
+
+
+class SimulatedSerialGyro:
+    """Frames of a gyro as bytes. Fields that no physics stands behind (other axes, accelerometers) are zero."""
+
+    def __init__(self, env: simpy.Environment, gyro: GyroPhysics, settings: Mapping[str, Any]) -> None:
+        """settings: those of the driver (frame, baud, data_rate_hz). Raises FrameSpecError."""
+        self.env = env
+        self.baud = int(settings.get("baud", _BAUD))
+        self._gyro = gyro
+        self._spec = FrameSpec.load(settings.get("frame", "kvh_36"))
+        self._meaning = self._spec.meaning(float(settings.get("data_rate_hz", gyro.data_rate_hz)))
+        self._kinds = {role: field.raw_type for role, field in self._spec.columns.items()}
+        self._next = 0
+
+    def bytes_until(self, now_s: float) -> bytes:
+        """All frames sent since the last call, up to `now_s`."""
+        end = self._gyro.frames_until(now_s)
+        parts = []
+        while self._next < end:
+            stop = min(end, self._next + SLICE_FRAMES)
+            parts.append(self._encoded(self._next, stop))
+            self._next = stop
+        return b"".join(parts)
+
+    def skip_until(self, now_s: float) -> None:
+        """Everything sent up to `now_s` is never made."""
+        self._next = max(self._next, self._gyro.frames_until(now_s))
+
+    def _encoded(self, first: int, end: int) -> bytes:
+        block = self._gyro.block(first, end)
+        raw = self._meaning.raw_columns(block.rate_dps, block.temperature_degc, block.good, self._kinds)
+        columns: dict[str, Raw | int | float] = {self._spec.columns[role].name: raw[role] for role in raw}
+        if counter := self._spec.counter:
+            values = counter_values(first, end - first, counter.modulo, counter.step)
+            columns[counter.field.name] = values.astype(counter.field.raw_type.dtype, copy=False)
+        return encode(self._spec, columns, end - first).tobytes()
