@@ -96,7 +96,7 @@ def _evaluate(table: pd.DataFrame, analysis: Analysis) -> Evaluation:
 def _residuals(evaluation: Evaluation, table: pd.DataFrame, dut: str) -> pd.DataFrame:
     """Every held-back or trained error with the point it belongs to: point, dut, model, split, predicted, residual."""
     residuals = evaluation.residuals
-    points = table["point"].to_numpy()[residuals["row"].to_numpy()]
+    points = table["point"].to_numpy()[residuals["row"].to_numpy(dtype=np.intp)]
     return residuals.drop(columns="row").assign(point=points, dut=dut)
 
 

@@ -31,6 +31,7 @@ COLUMNS = (
     "chamber_readback_degc",
     "dut_temperature_degc",
     "dut_temperature_slope_degc_min",
+    "dut_temperature_slope_u_degc_min",
     "rate_setpoint_dps",
     "rate_readback_dps",
     "rate_reference_dps",
@@ -90,6 +91,7 @@ def point_row(
         "chamber_readback_degc": chamber_degc,
         "dut_temperature_degc": s and s.dut_temperature_degc,
         "dut_temperature_slope_degc_min": s and s.dut_temperature_slope_degc_min,
+        "dut_temperature_slope_u_degc_min": s and s.dut_temperature_slope_u_degc_min,
         "rate_setpoint_dps": setpoint,
         "rate_readback_dps": rate_dps,
         "rate_reference_dps": None if setpoint is None else setpoint + earth_rate_dps,
@@ -137,12 +139,7 @@ def judge(row: Row, frames: FrameBatch, planned_samples: int, planned_frames: in
         ("frames lost", row["frames_lost"] / planned_frames * 1e6, quality.lost_ppm, "ppm"),
         ("frames invalid by their status", invalid / planned_frames * 1e6, quality.lost_ppm, "ppm"),
         ("outliers", row["outliers"] / planned_samples * 1e6, quality.outliers_ppm, "ppm"),
-        (
-            "DUT temperature slope",
-            abs(row["dut_temperature_slope_degc_min"] or 0.0),
-            quality.slope_degc_min,
-            "degC/min",
-        ),
+        ("DUT temperature slope", _certain_slope(row), quality.slope_degc_min, "degC/min"),
     ]
     if row["rate_readback_dps"] is not None and row["rate_setpoint_dps"] is not None:
         off_rate = abs(row["rate_readback_dps"] - row["rate_setpoint_dps"])
@@ -150,6 +147,15 @@ def judge(row: Row, frames: FrameBatch, planned_samples: int, planned_frames: in
     reasons = [f"{name} {value:.4g} over {limit:g} {unit}" for name, value, limit, unit in checks if value > limit]
     failed = any(value > limit * quality.fail_at for _, value, limit, _ in checks)
     return ("fail" if failed else "marginal" if reasons else "pass"), "; ".join(reasons)
+
+
+def _certain_slope(row: Row) -> float:
+    """The part of the temperature slope that is not within two standard uncertainties of none.
+
+    A short acquisition cannot tell a slope from the resolution of the sensor, and is not blamed for it.
+    """
+    slope, u = row["dut_temperature_slope_degc_min"], row["dut_temperature_slope_u_degc_min"]
+    return 0.0 if slope is None or u is None else max(0.0, abs(slope) - 2.0 * u)
 
 
 def points_of(entries: Iterable[Entry]) -> pd.DataFrame:

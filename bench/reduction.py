@@ -39,6 +39,7 @@ class PointStatistics:
     outliers: int
     dut_temperature_degc: float
     dut_temperature_slope_degc_min: float
+    dut_temperature_slope_u_degc_min: float
 
 
 def to_samples(
@@ -103,6 +104,7 @@ def point_statistics(samples: Samples, every_s: float) -> PointStatistics | None
         outliers=int(rate.size - clean.size),
         dut_temperature_degc=float(samples.temperature_degc[present].mean()),
         dut_temperature_slope_degc_min=slope(times_min, samples.temperature_degc[present]),
+        dut_temperature_slope_u_degc_min=slope_uncertainty(times_min, samples.temperature_degc[present]),
     )
 
 
@@ -145,3 +147,21 @@ def slope(times: Floats, values: Floats) -> float:
     centred = times - times.mean()
     spread = float(centred @ centred)
     return float(centred @ (values - values.mean())) / spread if spread > 0 else 0.0
+
+
+def slope_uncertainty(times: Floats, values: Floats) -> float:
+    """Standard uncertainty of `slope` from the scatter about the line; infinite for fewer than three instants.
+
+    Widened by √((1 + r)/(1 − r)) for the lag-one correlation r of the residuals: a sensor that renews its reading once
+    a second gives several samples the same value.
+    """
+    centred = times - times.mean()
+    spread = float(centred @ centred)
+    if values.size < 3 or spread == 0.0:
+        return float("inf")
+    residual = values - values.mean() - slope(times, values) * centred
+    power = float(residual @ residual)
+    if power == 0.0:
+        return 0.0
+    correlation = min(max(float(residual[1:] @ residual[:-1]) / power, 0.0), 0.99)
+    return float(np.sqrt(power / (values.size - 2) / spread * (1 + correlation) / (1 - correlation)))

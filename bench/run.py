@@ -72,7 +72,11 @@ class Prepared:
 def prepare(request: RunRequest) -> Prepared:
     """Check and rehearse a run. Raises UserMistake; touches neither hardware nor results."""
     checked = check(request.procedure, request.bench, request.overrides)
-    run_id = request.run_id or f"{checked.head.procedure}-{utc_now().translate({ord(c): None for c in '-:'})}"
+    run_id = (
+        request.run_id
+        if request.run_id is not None
+        else f"{checked.head.procedure}-{utc_now().translate({ord(c): None for c in '-:'})}"
+    )
     folder = new_run_folder(request.results, run_id)
     _check_disk(request.results, checked.disk_bytes)
     seed = request.seed if request.seed is not None else seed_of(checked.bench)

@@ -12,7 +12,7 @@ from fitting.selection import can_hold_out, held_out_error, training_error
 from fitting.starts import Start, product_space, projected, starting_points
 
 # Steps a candidate may adapt to the rows left in a fold: enough to follow them, too few to find another optimum.
-_REFINE_STEPS = 8
+_REFINE_STEPS = 5
 # Rules with sets of their own replace rules with shared sets only if they halve the error on held-out blocks.
 # Measured on surface A with dwell errors, temperatures left out, 12 seeds, worst std of 4 rules: 0.027 deg/s at 2
 # and 0.046 at 1.5; on two surfaces that shared sets cannot follow, 3 gives up a tenfold gain in some seeds.
@@ -102,7 +102,7 @@ class _JointSearch:
     def best(self, starts: list[Start]) -> Candidate:
         """Walk from every start; from a grid once with its sets shared and once without."""
         shared = [self.walk(start, shared=True) for start in starts if start.sets is not None]
-        simple = self.finalists(shared, len(shared))[0]
+        simple = self.finalists(shared, 1)[0]
         free = self.finalists([self.walk(start, shared=False) for start in starts], _FINALISTS)
         errors = [self.held_out(candidate) for candidate in free]
         clearly_better = _CLEARLY_BETTER * min(errors) < self.held_out(simple)

@@ -130,7 +130,7 @@ def test_any_damage_before_the_last_line_is_reported(start: int, length: int, in
     data = CLEAN[:start] + instead + CLEAN[end:]
     entries, damaged = outcome(data)
     assert entries == ENTRIES[: len(entries)]
-    assert damaged or data == CLEAN or data.count(b"\n") <= 1
+    assert damaged or data == CLEAN
 
 
 @given(st.binary(max_size=200))
@@ -190,15 +190,11 @@ JSON = st.recursive(
 
 
 @given(st.dictionaries(st.sampled_from(["text", "row", "x"]), JSON), st.floats(0, 1e9))
-def test_any_json_comes_back_to_the_last_bit(tmp_path_factory: Any, fields: dict[str, Any], t_s: float) -> None:
-    path: Path = tmp_path_factory.getbasetemp() / "round.jsonl"
-    path.unlink(missing_ok=True)
-    journal = Journal(path, {})
-    journal.append("any", t_s, **fields)
-    journal.close()
-    entry = read(path)[1]
-    assert entry == {"n": 1, "t_s": t_s, "kind": "any", **fields}
-    assert repr(entry) == repr({"n": 1, "t_s": t_s, "kind": "any", **fields})
+def test_any_json_comes_back_to_the_last_bit(fields: dict[str, Any], t_s: float) -> None:
+    entry = {"n": 1, "t_s": t_s, "kind": "any", **fields}
+    entries, damaged = outcome(encode(ENTRIES[0]) + encode(entry))
+    assert not damaged
+    assert repr(entries[1]) == repr(entry)
 
 
 def test_the_log_of_a_rehearsal_holds_the_same_records(tmp_path: Path) -> None:

@@ -13,6 +13,7 @@ from tests.live_bench import LiveBench
 
 PROCEDURE = """\
 procedure: wall
+quality: {slope: 2 degC/min}
 steps:
   - set_temperature: {to: 25 degC, band: 2 K}
   - sweep:
@@ -76,7 +77,7 @@ def test_a_real_bench_runs_the_same_procedure(tmp_path: Path) -> None:
     import pandas as pd
 
     points = pd.read_csv(end.folder / "points.csv")
-    assert end.outcome == "PASS", end.message
+    assert end.outcome == "PASS", (end.message, list(points["reasons"]))
     assert not end.manifest["bench"]["virtual"]
     assert list(points["dut"]) == ["S1", "C1"] * 2
     assert (points["frames"] == 200).all() and (points["samples"] == 20).all()

@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -48,7 +49,7 @@ def test_the_points_are_those_of_the_procedure_in_order(end: RunEnd, points: pd.
     assert (points[["frames_lost", "duplicates", "bad_checksum", "resyncs"]] == 0).all().all()
     assert ((points["ended_at_s"] - points["started_at_s"]).between(10.0, 10.2)).all()
     assert (np.abs(points["rate_readback_dps"] - points["rate_setpoint_dps"]) < 0.02).all()
-    assert (np.abs(points["chamber_readback_degc"] - points["chamber_setpoint_degc"]) < 1.0).all()
+    assert (np.abs(points["chamber_readback_degc"] - points["chamber_setpoint_degc"]) < 1.5).all()
 
 
 def test_the_gyro_errors_are_those_of_the_bench_file(points: pd.DataFrame) -> None:
@@ -146,8 +147,7 @@ def test_a_lying_gyro_fails_its_points(tmp_path: Path, monkeypatch: pytest.Monke
 
     def frozen(self: Any, first: int, end: int) -> Any:
         block = honest(self, first, end)
-        block.rate_dps[:] = 1.25
-        return block
+        return replace(block, rate_dps=np.full_like(block.rate_dps, 1.25))
 
     monkeypatch.setattr(GyroUnit, "block", frozen)
     end = run_campaign(tmp_path, "frozen")
