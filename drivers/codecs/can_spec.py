@@ -8,7 +8,7 @@ from typing import Any
 
 from drivers.codecs.batch import Meaning, Quantity, Raw, RawType
 from drivers.codecs.dbc import EXTENDED, PAYLOAD_BYTES, Message, Payload, Signal, encode_messages, parse_dbc
-from drivers.codecs.declared import FrameSpecError, did_you_mean, find_file, packaged_folder, read_small
+from drivers.codecs.declared import FrameSpecError, did_you_mean, find_file, packaged_folder, read_small, whole_number
 
 PACKAGED = ("gyros", "frames")
 _LARGEST_DBC_BYTES = 16 << 20
@@ -77,6 +77,7 @@ class CanSpec:
         roles = [role for role in ("rate", "temperature", "counter", "status") if settings[role] is not None]
         signals = {role: _pick(message, role, settings[role]) for role in roles}
         factor, per_second = _unit(signals["rate"], "rate", settings["rate_unit"], RATE_UNITS)
+        good_mask, good_value = _good(signals.get("status"), settings)
         return cls(
             message=message,
             can_id=_identifier(message, settings["can_id"]),
@@ -85,8 +86,8 @@ class CanSpec:
             rate_law=Quantity(signals["rate"].scale * factor, signals["rate"].offset * factor, "deg"),
             rate_is_increment=not per_second,
             temperature_law=_temperature_law(signals.get("temperature"), settings["temperature_unit"]),
-            good_mask=_mask(signals.get("status"), settings["good_mask"], settings["good_value"]),
-            good_value=settings["good_value"],
+            good_mask=good_mask,
+            good_value=good_value,
         )
 
     @property
@@ -138,12 +139,13 @@ def _pick(message: Message, role: str, name: str) -> Signal:
     return signal
 
 
-def _identifier(message: Message, can_id: int | None) -> int:
+def _identifier(message: Message, can_id: int | str | None) -> int:
     if can_id is None:
         return message.can_id
-    if not 0 <= can_id <= _LARGEST_ID:
-        raise FrameSpecError(f"can_id: {can_id} is not allowed. Allowed: 0 to {_LARGEST_ID:#x}")
-    return can_id | (EXTENDED if can_id > _LARGEST_STANDARD_ID else 0)
+    number = whole_number(can_id)
+    if number is None or not 0 <= number <= _LARGEST_ID:
+        raise FrameSpecError(f"can_id: {can_id} is not allowed. Allowed: 0 to {_LARGEST_ID:#x}, like 0x1A0")
+    return number | (EXTENDED if number > _LARGEST_STANDARD_ID else 0)
 
 
 def _unit(signal: Signal, role: str, unit: str | None, known: Mapping[str, tuple[float, float]]) -> tuple[float, float]:
@@ -171,11 +173,16 @@ def _modulo(signal: Signal | None, modulo: int | None) -> int | None:
     return modulo or largest
 
 
-def _mask(signal: Signal | None, mask: int | None, value: int) -> int:
+def _good(signal: Signal | None, settings: Mapping[str, Any]) -> tuple[int, int]:
+    """Mask and value of a good status."""
     if signal is None:
-        return 0
+        return 0, 0
     largest = (1 << signal.length) - 1
-    for name, number in (("good_mask", mask), ("good_value", value)):
-        if number is not None and not 0 <= number <= largest:
-            raise FrameSpecError(f"{name}: {number} is not allowed. Allowed: 0 to {largest} ({signal.length} bits)")
-    return largest if mask is None else mask
+    numbers = []
+    for name in ("good_mask", "good_value"):
+        number = largest if settings[name] is None else whole_number(settings[name])
+        if number is None or not 0 <= number <= largest:
+            text = f"{settings[name]} is not allowed. Allowed: 0 to {largest} ({signal.length} bits)"
+            raise FrameSpecError(f"{name}: {text}")
+        numbers.append(number)
+    return numbers[0], numbers[1]

@@ -80,18 +80,19 @@ class Keys:
         value = self.required(key, what) if default is None else self.get(key)
         if value is None and default is not None:
             return default
-        if isinstance(value, str):
-            with contextlib.suppress(ValueError):
-                value = int(value, 0)
-        if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
+        number = whole_number(value)
+        if number is None or not low <= number <= high:
             raise self.error(key, f"{short(value)} is not allowed. Allowed: a whole number {low} to {high}")
-        return value
+        return number
 
     def number(self, key: str, default: float) -> float:
         """A finite number."""
         value = self.get(key)
         if value is None:
             return default
+        if isinstance(value, str):
+            with contextlib.suppress(ValueError):
+                value = float(value)
         if isinstance(value, bool) or not isinstance(value, (int, float)) or not -1e300 < value < 1e300:
             raise self.error(key, f"{short(value)} is not allowed. Allowed: a finite number, like {default:g}")
         return float(value)
@@ -99,9 +100,9 @@ class Keys:
     def flag(self, key: str) -> bool:
         """True or false; missing is false."""
         value = self.get(key)
-        if value not in (None, True, False):
+        if value not in (None, True, False, "true", "false"):
             raise self.error(key, f"{short(value)} is not allowed. Allowed: true, false")
-        return bool(value)
+        return value in (True, "true")
 
     def section(self, key: str) -> "Keys | None":
         """A nested mapping, None if missing."""
@@ -118,6 +119,18 @@ class Keys:
         if not isinstance(value, list) or not all(isinstance(item, Mapping) for item in value):
             raise self.error(key, "must be a list of mappings, like - {name: rate, at: 2, type: i32}")
         return [Keys(item, f"{self.path(key)}[{number}]") for number, item in enumerate(value)]
+
+
+def whole_number(value: object) -> int | None:
+    """A whole number, also written as text like '0x7F'; None if it is none.
+
+    >>> whole_number("0x7F"), whole_number("010"), whole_number(True)
+    (127, None, None)
+    """
+    if isinstance(value, str):
+        with contextlib.suppress(ValueError):
+            return int(value, 0)
+    return value if isinstance(value, int) and not isinstance(value, bool) else None
 
 
 def did_you_mean(word: object, allowed: Iterable[str]) -> str:
@@ -165,13 +178,31 @@ def read_small(file: Path | Traversable, encoding: str = "utf-8", largest: int =
         raise FrameSpecError(f"{file}: cannot be read as text: {error}") from error
 
 
+class _Plain(yaml.BaseLoader):
+    """YAML in which every scalar is text but an empty one, ~ and null: numbers are read where one is expected.
+
+    So 1e-6 is a number, 010 is refused instead of being eight, and 94 in a header is the byte 94.
+    """
+
+    def construct_object(self, node: yaml.Node, deep: bool = False) -> Any:
+        if isinstance(node, yaml.ScalarNode) and node.style is None and node.value in ("", "~", "null"):
+            return None
+        if isinstance(node, yaml.MappingNode):
+            names = [key.value for key, _ in node.value]
+            twice = next((key for key, _ in node.value if names.count(key.value) > 1), None)
+            if twice is not None:
+                problem = f"the key '{twice.value}' stands twice"
+                raise yaml.constructor.ConstructorError(None, None, problem, twice.start_mark)
+        return super().construct_object(node, deep)
+
+
 def _load(declaration: str | Mapping[str, Any], folder: Traversable, depth: int) -> dict[str, Any]:
     if isinstance(declaration, str):
         file = find_file(declaration, folder, ".yaml", "frame")
         try:
-            mapping = yaml.load(read_small(file), Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))
+            mapping = yaml.load(read_small(file), Loader=_Plain)
         except yaml.YAMLError as error:
-            raise FrameSpecError(f"{file}: not YAML: {error}") from error
+            raise FrameSpecError(f"{file}: cannot be read as YAML: {error}") from error
         if not isinstance(mapping, Mapping):
             raise FrameSpecError(f"{file}: must hold a mapping of keys and values (name, length, header, fields, ...)")
         mapping = {"name": declaration, **mapping}

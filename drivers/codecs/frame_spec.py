@@ -21,7 +21,7 @@ from typing import Any
 
 from drivers.codecs.batch import Meaning, Quantity
 from drivers.codecs.crc import CHECKSUMS, Crc
-from drivers.codecs.declared import FrameSpecError, Keys, load_declaration
+from drivers.codecs.declared import FrameSpecError, Keys, load_declaration, whole_number
 from drivers.codecs.layout import FIELD_TYPES, ChecksumPlace, Field
 
 PACKAGED = ("gyros", "frames")
@@ -171,13 +171,14 @@ class _Reading:
             return None
         algorithm = _own_crc(keys) if kind == "crc" else CHECKSUMS[kind]
         over = keys.required("over", "the bytes it covers: [first, after the last]")
-        if not (isinstance(over, list) and len(over) == 2 and all(type(at) is int for at in over)):
+        ends = [whole_number(at) for at in over] if isinstance(over, list) and len(over) == 2 else [None]
+        if None in ends:
             raise keys.error("over", f"{over!r} is not allowed. Allowed: [first byte, byte after the last]")
-        start, stop = over
+        start, stop = (at for at in ends if at is not None)
         at = keys.integer("at", 0, self.length - 1, what="its first byte")
         if not 0 <= start < stop <= self.length or (start < at + algorithm.size and at < stop):
             raise keys.error(
-                "over", f"{over} must lie inside the {self.length} bytes and not cover the checksum at {at}"
+                "over", f"[{start}, {stop}] must lie inside the {self.length} bytes and not cover the checksum at {at}"
             )
         order = keys.choice("byte_order", ("big", "little"), self.byte_order, "the order of its bytes")
         pad_to = keys.integer("pad_to", 1, 64, default=1)

@@ -22,15 +22,15 @@ class CanGyroSettings:
     """Which message of which DBC file, and which of its signals are what.
 
     dbc: name of a packaged DBC or path of one. message: may be left out if the DBC has only one. can_id: if the gyro
-    was given another identifier than the DBC says; above 7FF it is a 29-bit one. rate, temperature, counter, status:
-    names of signals; all but the rate may be null. rate_unit, temperature_unit: if the DBC does not say; 'deg' and
-    'rad' are angle increments since the last message. counter_modulo: if it does not use all its bits.
+    was given another identifier than the DBC says, like 0x1A1; above 0x7FF it is a 29-bit one. rate, temperature,
+    counter, status: names of signals; all but the rate may be null. rate_unit, temperature_unit: if the DBC does not
+    say; 'deg' and 'rad' are angle increments since the last message. counter_modulo: if it does not use all its bits.
     A status is good if (status & good_mask) == (good_value & good_mask); good_mask null: all bits.
     """
 
     dbc: str = "fog_gyro"
     message: str | None = None
-    can_id: int | None = None
+    can_id: int | str | None = None
     data_rate_hz: float = 100.0
     rate: str = "rate"
     rate_unit: Literal["deg/s", "rad/s", "deg", "rad"] | None = None
@@ -39,8 +39,8 @@ class CanGyroSettings:
     counter: str | None = "counter"
     counter_modulo: int | None = None
     status: str | None = "status"
-    good_mask: int | None = None
-    good_value: int = 0
+    good_mask: int | str | None = None
+    good_value: int | str = 0
 
     def __post_init__(self) -> None:
         if not 0.0 < self.data_rate_hz < 1e6:

@@ -5,7 +5,7 @@ opens and detaches them when it closes; importing this module attaches nothing (
 Addresses: 'sim://NAME' for a serial port, 'can:NAME' for a CAN channel.
 """
 
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 import simpy
 
@@ -44,12 +44,25 @@ class Stream(Protocol):
         ...
 
 
+@runtime_checkable
+class Joinable(Protocol):
+    """An instrument that can share its address with others of its kind, as CAN nodes share a bus."""
+
+    def join(self, other: Any) -> None:
+        """Let `other` be reached here too. Raises ValueError if the two cannot be told apart."""
+        ...
+
+
 _attached: dict[str, Instrument] = {}
 
 
 def attach(address: str, instrument: Instrument) -> None:
-    """Put an instrument at an address. Raises ValueError if the address is taken."""
-    if address in _attached:
+    """Put an instrument at an address. Raises ValueError if the address is taken and cannot be shared."""
+    there = _attached.get(address)
+    if isinstance(there, Joinable) and type(there) is type(instrument):
+        there.join(instrument)
+        return
+    if there is not None:
         raise ValueError(f"{address} is taken by another simulated instrument; give each one its own name")
     _attached[address] = instrument
 

@@ -32,7 +32,9 @@ def collect(source: ThreadedCanSource, count: int) -> Messages:
     """Take until so many messages are there."""
     parts: list[Messages] = []
     pause = threading.Event()
-    while sum(len(part[0]) for part in parts) < count:
+    for _ in range(1000):
+        if sum(len(part[0]) for part in parts) >= count:
+            break
         pause.wait(0.005)
         parts.append(source.take())
     ids, payloads, lengths = (np.concatenate([part[at] for part in parts]) for at in range(3))

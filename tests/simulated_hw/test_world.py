@@ -183,3 +183,20 @@ def test_the_truth_log_changes_nothing_and_without_a_folder_there_is_none(tmp_pa
     with World(spec(), tmp_path) as world:
         logged = drive(world)
     assert without["A"].rate_dps.tobytes() == logged["A"].rate_dps.tobytes()
+
+
+def test_two_can_gyros_share_a_channel_by_their_identifiers() -> None:
+    import can
+
+    settings = {"dbc": "fog_gyro", "data_rate_hz": 100.0}
+    duts = {
+        "C1": InstrumentSpec("can_dbc", "can:shared", {**settings, "can_id": 0x1A0}),
+        "C2": InstrumentSpec("can_dbc", "can:shared", {**settings, "can_id": 0x1A1}),
+    }
+    with World(WorldSpec(seed=1, duts=duts)) as world, can.Bus(interface="fogsim", channel="shared") as bus:
+        world.env.run(until=1.0)
+        ids, _, _ = bus.recv_batch()
+        assert sorted(set(ids.tolist())) == [0x1A0, 0x1A1] and abs(len(ids) - 200) <= 2
+    twins = {name: InstrumentSpec("can_dbc", "can:shared", settings) for name in ("C1", "C2")}
+    with pytest.raises(WorldError, match="1A0"), World(WorldSpec(seed=1, duts=twins)):
+        pass

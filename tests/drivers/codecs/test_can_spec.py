@@ -66,7 +66,7 @@ def test_units_come_from_the_dbc_and_can_be_overridden(dbc: str) -> None:
 
 def test_identifiers(dbc: str) -> None:
     assert gyro(dbc).can_id == 290
-    assert gyro(dbc, can_id=0x1A1).can_id == 0x1A1
+    assert gyro(dbc, can_id=0x1A1).can_id == gyro(dbc, can_id="0x1A1").can_id == 0x1A1
     assert gyro(dbc, can_id=0x0CF02A80).can_id == 0x0CF02A80 | EXTENDED
     other = gyro(dbc, message="Other", rate="rate", temperature=None, counter=None, status=None)
     assert other.can_id == 0x0CF02A80 | EXTENDED
@@ -99,6 +99,7 @@ def test_what_a_gyro_does_not_send_is_left_out(dbc: str) -> None:
         ({"counter_modulo": 17}, r"counter_modulo: 17 is not allowed\. Allowed: 2 to 16 \(4 bits\)"),
         ({"good_mask": 16}, r"good_mask: 16 is not allowed\. Allowed: 0 to 15"),
         ({"good_value": -1}, "good_value: -1 is not allowed"),
+        ({"can_id": "1A0"}, "can_id: 1A0 is not allowed.*like 0x1A0"),
         ({"can_id": 1 << 29}, "can_id: 536870912 is not allowed. Allowed: 0 to 0x1fffffff"),
     ],
 )

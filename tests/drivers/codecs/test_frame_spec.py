@@ -160,8 +160,33 @@ def test_mistakes_name_the_key_what_is_allowed_and_what_to_do(declaration: Any, 
         FrameSpec.load(declaration)
 
 
+def test_numbers_in_a_file_are_what_they_look_like(tmp_path: Path) -> None:
+    """YAML 1.1 reads 1e-6 as text, 010 as eight and 1:30 as ninety, and keeps the last of two equal keys."""
+    file = tmp_path / "it.yaml"
+    text = "base: kvh_36\nheader: 94\nrate: {scale: 1e-6}\nstatus: {good_mask: 0x70, good_value: 112}\ntemperature: ~\n"
+    file.write_text(text)
+    spec = FrameSpec.load(str(file))
+    assert (spec.header, spec.good_mask, spec.good_value, spec.temperature) == (b"\x94", 0x70, 0x70, None)
+    assert spec.rate_law.scale == pytest.approx(1e-6 * 180 / math.pi)
+    for line, message in (
+        ("counter: {modulo: 010}", r"counter\.modulo: '010' is not allowed"),
+        ("counter: {modulo: 1:30}", r"counter\.modulo: '1:30' is not allowed"),
+        ("rate: {scale: on}", r"rate\.scale: 'on' is not allowed"),
+        ("rate: {kind: rate, kind: increment}", r"(?s)it\.yaml: cannot be read.*the key 'kind' stands twice.*line 2"),
+        ("checksum: {over: [0, x]}", r"checksum\.over: \['0', 'x'\] is not allowed"),
+        ("checksum: {kind: crc, width: 8, polynomial: 7, reflected: maybe}", r"reflected: 'maybe' .* true, false"),
+    ):
+        file.write_text(f"base: kvh_36\n{line}\n")
+        with pytest.raises(FrameSpecError, match=message):
+            FrameSpec.load(str(file))
+
+
 def test_files_that_are_no_declarations(tmp_path: Path) -> None:
-    for text, message in (("[1, 2]", "must hold a mapping"), ("a: [", "not YAML"), ("x" * 70_000, "at most 65536")):
+    for text, message in (
+        ("[1, 2]", "must hold a mapping"),
+        ("a: [", "cannot be read as YAML"),
+        ("x" * 70_000, "at most 65536"),
+    ):
         (tmp_path / "it.yaml").write_text(text)
         with pytest.raises(FrameSpecError, match=message):
             FrameSpec.load(str(tmp_path / "it.yaml"))
