@@ -6,6 +6,7 @@ Standard library only, so that a machine needs nothing but Python.
 
 import hashlib
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -41,7 +42,11 @@ def set_up(extra: str) -> None:
     print(f"setting up {VENV.name} (once; a few minutes on a slow network) …", file=sys.stderr, flush=True)
     began = time.monotonic()
     if not PYTHON.exists():
-        venv.create(VENV, with_pip=True)
+        try:
+            venv.create(VENV, with_pip=True)
+        except (OSError, subprocess.CalledProcessError) as error:
+            shutil.rmtree(VENV, ignore_errors=True)
+            sys.exit(f"error: {VENV.name} could not be made: {error}\nOn Debian and Ubuntu: apt install python3-venv")
     target = f"{ROOT}[dev]" if extra == "dev" else str(ROOT)
     command = [str(PYTHON), "-m", "pip", "install", "--disable-pip-version-check", "--editable", target]
     with LOG.open("wb") as log:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.metadata import entry_points
@@ -18,7 +19,7 @@ from bench.procedure.language import Analysis
 from bench.runfolder import write_json
 from fitting.modelfile import save_model
 from fitting.splits import SplitPlan
-from fitting.validation import Evaluation, evaluate
+from fitting.validation import UNCOMPENSATED, Evaluation, evaluate
 
 INPUT_COLUMNS = {
     "dut_temperature": "dut_temperature_degc",
@@ -53,15 +54,21 @@ def model_factories(names: Sequence[str]) -> dict[str, Any]:
 
 
 def analyse(
-    folder: Path, points: pd.DataFrame, duts: Sequence[str], analysis: Analysis, meta: dict[str, Any]
+    folder: Path,
+    points: pd.DataFrame,
+    duts: Sequence[str],
+    analysis: Analysis,
+    meta: dict[str, Any],
+    keep: bool = False,
 ) -> dict[str, Any]:
     """Fit every model to every DUT's points; write models/ and metrics.json into the run folder.
 
+    With `keep`, figures and held-out errors of models fitted before stay beside the new ones.
     Returns {"metrics": as written, "notes": what could not be done and why}.
     """
-    metrics: dict[str, Any] = {}
+    metrics, before = _kept(folder, analysis.models) if keep else ({}, [])
     notes: list[str] = []
-    residuals: list[pd.DataFrame] = []
+    residuals: list[pd.DataFrame] = [*before]
     for dut in duts:
         table = usable(points, dut)
         try:
@@ -69,7 +76,7 @@ def analyse(
         except ValueError as error:
             notes.append(f"{dut}: no fit: {error}")
             continue
-        metrics[dut] = evaluation.metrics
+        metrics[dut] = metrics.get(dut, {}) | evaluation.metrics
         notes += [f"{dut}: {reason}" for reason in evaluation.unavailable.values()]
         residuals.append(_residuals(evaluation, table, dut))
         _save_models(folder / "models" / dut, evaluation, {**meta, "dut": dut, "inputs": list(analysis.inputs)})
@@ -77,6 +84,16 @@ def analyse(
     if residuals:
         write_table(folder / "residuals.parquet", pd.concat(residuals, ignore_index=True))
     return {"metrics": metrics, "notes": notes}
+
+
+def _kept(folder: Path, fitted_again: Sequence[str]) -> tuple[dict[str, Any], list[pd.DataFrame]]:
+    """Metrics and residuals of the models that are not fitted again now."""
+    try:
+        metrics = json.loads((folder / "metrics.json").read_text(encoding="utf-8"))
+        residuals = pd.read_parquet(folder / "residuals.parquet")
+    except (OSError, ValueError):
+        return {}, []
+    return metrics, [residuals[~residuals["model"].isin([*fitted_again, UNCOMPENSATED])]]
 
 
 def _evaluate(table: pd.DataFrame, analysis: Analysis) -> Evaluation:

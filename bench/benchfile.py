@@ -27,6 +27,7 @@ DRIVER_GROUPS: dict[str, str] = {
     "dut": "fogbench.gyros",
 }
 SIMULATED_CAN = "fogsim"
+DECLARATION_SUFFIXES = {".yaml", ".yml", ".dbc"}
 
 
 class CanPort(YamlMapping):
@@ -173,6 +174,16 @@ class Bench:
         yield from self.duts.values()
 
     @property
+    def declaration_files(self) -> list[Path]:
+        """Files that settings refer to (frame declarations, DBC): part of what was run."""
+        named = {
+            value for item in self.instruments for value in item.settings_mapping.values() if isinstance(value, str)
+        }
+        return sorted(
+            Path(name) for name in named if Path(name).suffix in DECLARATION_SUFFIXES and Path(name).is_file()
+        )
+
+    @property
     def virtual(self) -> bool:
         """Whether every port leads to a simulator."""
         return all(item.simulated for item in self.instruments)
@@ -259,7 +270,7 @@ def _settings(driver_class: Any, document: Document, path: Path_, folder: Path, 
 
 def _beside(folder: Path, value: Any) -> Any:
     """A setting that names a file beside the bench file becomes its path."""
-    if isinstance(value, str) and Path(value).suffix in {".yaml", ".dbc"} and (folder / value).is_file():
+    if isinstance(value, str) and Path(value).suffix in DECLARATION_SUFFIXES and (folder / value).is_file():
         return str(folder / value)
     return value
 

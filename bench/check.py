@@ -26,7 +26,7 @@ from bench.procedure.language import (
 )
 from bench.procedure.parse import ParsedProcedure, parse_procedure
 from bench.procedure.plan import PlannedStep, expand
-from bench.units import format_duration
+from bench.units import format_duration, number
 
 # Bytes on disk per raw frame: float32 noise, 16-bit temperature and counters as Parquet, measured 1.8 (docs/reference).
 BYTES_PER_FRAME = 2.5
@@ -158,17 +158,19 @@ def _temperature_breaches(value: float, head: ProcedureHead | None, bench: Bench
     for owner, band in bands:
         if band and not band.from_degc <= value <= band.to_degc:
             end, excess = ("low", band.from_degc - value) if value < band.from_degc else ("high", value - band.to_degc)
-            message = f"{value:g} degC is outside {owner}: {band.from_degc:g} to {band.to_degc:g} degC."
+            message = (
+                f"{number(value)} degC is outside {owner}: {number(band.from_degc)} to {number(band.to_degc)} degC."
+            )
             yield _Breach((owner, end), value, excess, message)
 
 
-def _ramp_breaches(value: float, head: ProcedureHead, bench: Bench) -> Iterator[_Breach]:
-    limits = [("the procedure", head.limits.ramp_degc_min)]
+def _ramp_breaches(value: float, head: ProcedureHead | None, bench: Bench) -> Iterator[_Breach]:
+    limits = [("the procedure", head.limits.ramp_degc_min if head else None)]
     if bench.file.chamber:
         limits.append(("the chamber", bench.file.chamber.limits.ramp_degc_min))
     for owner, limit in limits:
         if limit is not None and value > limit:
-            message = f"a ramp of {value:g} degC/min is above the limit of {owner}, {limit:g} degC/min."
+            message = f"a ramp of {number(value)} degC/min is above the limit of {owner}, {number(limit)} degC/min."
             yield _Breach((owner, "ramp"), value, value - limit, message)
 
 
@@ -179,7 +181,7 @@ def _rate_breaches(value: float, head: ProcedureHead, bench: Bench) -> Iterator[
     limits += [(f"the full scale of DUT {serial}", dut.limits.rate_dps) for serial, dut in bench.file.duts.items()]
     for owner, limit in limits:
         if limit is not None and abs(value) > limit:
-            message = f"{value:g} deg/s is above {owner}, ± {limit:g} deg/s."
+            message = f"{number(value)} deg/s is above {owner}, ± {number(limit)} deg/s."
             yield _Breach((owner, "rate"), value, abs(value) - limit, message)
 
 
@@ -197,15 +199,15 @@ def _acquire_messages(args: Acquire, bench: Bench) -> Iterator[str]:
 
 def _safe_problems(bench: Bench) -> Iterator[Problem]:
     """Where the safe state of the chamber breaks the limits of the bench."""
-    chamber, mark = bench.file.chamber, bench.document.mark
-    if chamber is None or chamber.safe.action == "hold":
+    if bench.file.chamber is None or bench.file.chamber.safe.action == "hold":
         return
-    safe, limit = chamber.safe, chamber.limits.ramp_degc_min
-    for breach in _temperature_breaches(safe.temperature_degc, None, bench):
-        yield Problem(mark(("chamber", "safe", "temperature")), f"the safe state: {breach.message}")
-    if safe.rate_degc_min > limit:
-        message = f"the safe state: {safe.rate_degc_min:g} degC/min is above the chamber's limit, {limit:g} degC/min."
-        yield Problem(mark(("chamber", "safe", "rate")), message)
+    safe = bench.file.chamber.safe
+    for key, breaches in (
+        ("temperature", _temperature_breaches(safe.temperature_degc, None, bench)),
+        ("rate", _ramp_breaches(safe.rate_degc_min, None, bench)),
+    ):
+        for breach in breaches:
+            yield Problem(bench.document.mark(("chamber", "safe", key)), f"the safe state: {breach.message}")
 
 
 def _model_problems(procedure: ParsedProcedure) -> Iterator[Problem]:
@@ -250,6 +252,10 @@ def _fit_problems(analysis: Analysis, procedure: ParsedProcedure, points: Sequen
     if train is not None and train >= len(points):
         message = f"{train} rows for training, but only {len(points)} points are measured."
         yield Problem(mark("splits", "random", "train"), message)
+    folds, dwells = analysis.splits.leave_temperatures_out.folds, len({step.dwell for step in points})
+    if dwells < folds and any(limit.split == "leave_temperatures_out" for limit in analysis.limits):
+        message = f"a limit needs temperatures left out in {folds} folds, but points are measured at {dwells} only."
+        yield Problem(mark("splits", "leave_temperatures_out", "folds"), f"{message} Ask for fewer folds.")
     if any(step.rate_dps is None for step in points):
         yield Problem(
             mark(), "some points have no rate setpoint, so there is no reference to fit to. Set a rate first."

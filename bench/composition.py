@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any, cast
 
@@ -32,6 +33,7 @@ from simulated_hw.world import (
 # Frames per second of a rehearsed gyro: the engine's waits and the wire are the same, the frames a hundredth.
 REHEARSED_RATE_HZ = 1.0
 DEFAULT_GYRO_CLASS = "ts_a"
+SIMULATORS = "fogbench.simulators"
 SIMULATION_KEYS = ("seed", "chamber", "rate_table", "duts")
 
 
@@ -136,6 +138,7 @@ Parameters = tuple[ChamberParameters, TableParameters, dict[str, GyroParameters]
 def _parameters(bench: Bench, problems: list[Problem]) -> Parameters | None:
     simulation = bench.file.simulation
     document = bench.document
+    problems += _without_simulator(bench)
     for key in simulation:
         if key not in SIMULATION_KEYS:
             message = f"unknown key '{key}'.{did_you_mean(key, SIMULATION_KEYS)}"
@@ -153,6 +156,18 @@ def _parameters(bench: Bench, problems: list[Problem]) -> Parameters | None:
         serial: _gyro(bench, serial, isinstance(given, dict) and serial in given, problems) for serial in bench.duts
     }
     return None if problems else (chamber, table, {serial: gyro for serial, gyro in gyros.items() if gyro})
+
+
+def _without_simulator(bench: Bench) -> list[Problem]:
+    known = [item.name for item in entry_points(group=SIMULATORS)]
+    return [
+        Problem(
+            bench.document.mark((*item.path, "driver")),
+            f"no simulator for driver '{item.driver}'.{did_you_mean(item.driver, known)} (entry points {SIMULATORS})",
+        )
+        for item in bench.instruments
+        if bench.virtual and item.driver not in known
+    ]
 
 
 def _section(bench: Bench, path: Path_, declared: Callable[[], Any], problems: list[Problem]) -> Any:

@@ -21,7 +21,7 @@ from drivers.errors import DriverError
 
 # How often readbacks are taken while waiting. Every frame received in between is decoded, so this is also the largest
 # block but one that a reader buffer has to hold.
-WATCH_PERIOD_S = 20.0
+WATCH_PERIOD_S = 30.0
 REHEARSED_WATCH_PERIOD_S = 120.0
 # DUT temperatures kept for the slope condition of a soak.
 HISTORY_S = 4 * 3600.0

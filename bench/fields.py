@@ -144,6 +144,6 @@ def validate_dataclass(declared: type, document: Document, path: Path_, problems
 def _refused(document: Document, path: Path_, text: str) -> Problem:
     """A settings class's own objection; it begins with the key path it is about, or with Class.field_unit = …"""
     field = re.match(r"[A-Z]\w+\.(\w+) = ", text)
-    key = yaml_key(field[1]) if field else text.partition(":")[0]
+    key = yaml_key(field[1]) if field else text.partition(" ")[0].rstrip(":")
     text = f"{key} = {text[field.end() :]}" if field else text
     return Problem(document.mark((*path, *key.split("."))), sentence(text))

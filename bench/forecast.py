@@ -28,8 +28,8 @@ class Forecast:
 
     @property
     def duration_s(self) -> float:
-        """Bench time of everything that was rehearsed."""
-        return self.ends_s[-1] if self.ends_s else 0.0
+        """Bench time of everything that was rehearsed, a step that failed included."""
+        return float(self.entries[-1]["t_s"]) if self.entries else 0.0
 
     @property
     def warnings(self) -> list[str]:

@@ -107,6 +107,14 @@ def read_journal(path: Path) -> Iterator[Entry]:
         yield entry
 
 
+def load_journal(path: Path) -> list[Entry]:
+    """All records of a run's journal, the head first. Raises JournalDamaged if there is not even a head, or OSError."""
+    entries = list(read_journal(path))
+    if not entries:
+        raise JournalDamaged(f"{path}: holds no whole record. The run died before it began, or this is no journal.")
+    return entries
+
+
 def _decode(line: bytes) -> Entry | None:
     checksum, _, body = line.partition(b" ")
     try:

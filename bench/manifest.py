@@ -27,6 +27,7 @@ def head_of(checked: Checked, run_id: str, seed: int, overrides: Sequence[str], 
         "procedure": {
             "name": checked.head.procedure,
             "title": checked.head.title,
+            "experiment": checked.head.experiment,
             "file": procedure.document.file,
             "sha256": sha256(Path(procedure.document.file)),
         },

@@ -27,6 +27,12 @@ _BOUNDS = {"greater_than": ("gt", "above"), "greater_than_equal": ("ge", "at lea
     "less_than": ("lt", "below"),
     "less_than_equal": ("le", "at most"),
 }
+_LENGTHS = {
+    "too_short": ("min_length", "fewer than", "items"),
+    "too_long": ("max_length", "more than", "items"),
+    "string_too_short": ("min_length", "fewer than", "characters"),
+    "string_too_long": ("max_length", "more than", "characters"),
+}
 _NAME_RULE = "letters, digits, '.', '_' and '-', the first a letter or digit, at most 64 characters"
 
 
@@ -110,10 +116,9 @@ def _text(model: type[BaseModel], mistake: _Mistake) -> str:
         return f"must be {relation} {_with_unit(context[name], suffix_at(model, mistake.path))}, not {value}"
     if kind == "finite_number":
         return f"must be a finite number, not {value}"
-    if kind in ("too_short", "string_too_short"):
-        return "must not be empty"
-    if kind == "string_too_long":
-        return f"has more than {context['max_length']} characters"
+    if kind in _LENGTHS:
+        name, relation, things = _LENGTHS[kind]
+        return "must not be empty" if context.get("min_length") == 1 else f"has {relation} {context[name]} {things}"
     if kind == "string_pattern_mismatch":
         return f"{value} cannot be a name. Allowed: {_NAME_RULE}"
     if kind in _EXPECTED or kind == "model_type":

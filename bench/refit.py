@@ -1,40 +1,40 @@
-"""Analyse an old run again from what is on disk (law 7)."""
+"""Analyse or show an old run again from what is on disk (law 7)."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 from bench.analysis import model_factories
+from bench.conclude import ReportWriter, RunEnd, conclude, failure_of
 from bench.errors import InvalidFiles, UserMistake
-from bench.journal import read_journal
+from bench.journal import Entry, load_journal
 from bench.overrides import editor, parse_overrides
 from bench.procedure.language import Analysis
 from bench.procedure.parse import parse_procedure
-from bench.run import RunEnd, failure_of, finish
 
 
-def refit(folder: Path, models: Sequence[str], write_report: Callable[[Path], Any] | None = None) -> RunEnd:
+def refit(folder: Path, models: Sequence[str], write_report: ReportWriter | None = None) -> RunEnd:
     """Fit the models of the run's procedure, or those named, and write metrics, models and report anew."""
-    entries = list(read_journal(folder / "journal.jsonl"))
-    analysis = _analysis(folder, entries[0].get("overrides", []))
-    if models:
-        model_factories(models)
-        chosen = {"models": list(models)}
-        if analysis:
-            kept = [limit for limit in analysis.limits if limit.model in models]
-            analysis = analysis.model_copy(update={**chosen, "limits": kept})
-        else:
-            analysis = Analysis.model_validate(chosen)
-    if analysis is None:
+    entries = load_journal(folder / "journal.jsonl")
+    analysis = _analysis(folder, entries)
+    model_factories(models)
+    if analysis is None and not models:
         raise UserMistake(f"{folder}: its procedure has no 'analysis' block. Name what to fit: --model ts_joint")
-    return finish(folder, analysis, failure_of(entries), write_report)
+    return conclude(folder, analysis, failure_of(entries), write_report, models)
 
 
-def _analysis(folder: Path, overrides: Sequence[str]) -> Analysis | None:
+def complete(folder: Path) -> None:
+    """Give a run that died what a run that ended has: points, fit, manifest; nothing if it has them."""
+    if not (folder / "manifest.json").is_file():
+        entries = load_journal(folder / "journal.jsonl")
+        conclude(folder, _analysis(folder, entries), failure_of(entries))
+
+
+def _analysis(folder: Path, entries: Sequence[Entry]) -> Analysis | None:
+    overrides = parse_overrides(entries[0].get("overrides", []))
     procedure, problems = parse_procedure(
-        folder / "procedure.yaml", editor(parse_overrides(overrides), "procedure"), follow_includes=False
+        folder / "procedure.yaml", editor(overrides, "procedure"), follow_includes=False
     )
     if procedure is None:
         raise InvalidFiles(problems)

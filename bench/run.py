@@ -4,33 +4,29 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
 
 from bench.acquire import RecordingAcquirer
-from bench.analysis import Judged, analyse, judge_limits
 from bench.check import Checked, check
 from bench.clock import Clock, StopRequest, stopwatch, utc_now
 from bench.composition import open_bench, seed_of
+from bench.conclude import ReportWriter, RunEnd, conclude
 from bench.earth import earth_rate_dps
 from bench.engine import Engine, Listener
-from bench.errors import BenchFailure, ExitCode, FogbenchError, Interrupted, UserMistake
+from bench.errors import BenchFailure, FogbenchError, Interrupted, UserMistake
 from bench.forecast import Forecast, rehearse
-from bench.journal import Entry, Journal, read_journal
-from bench.manifest import head_of, manifest_of, sha256
+from bench.journal import Journal
+from bench.manifest import head_of
 from bench.overrides import Override
-from bench.points import points_of, timeline_of, write_points, write_table
-from bench.procedure.language import Analysis
 from bench.rawstore import RawStore
-from bench.runfolder import copy_into, new_run_folder, write_json
+from bench.runfolder import copy_into, new_run_folder
 from bench.safe import make_safe
-from bench.station import Station, energise
+from bench.station import Station, check_reach, energise
 from bench.steps import STEPS
 from drivers.errors import DriverError
 
 TRUTH_FOLDER = ".truth"
-HASHED_FILES = ("procedure.yaml", "bench.yaml", "points.csv", "points.parquet", "metrics.json")
 
 
 @dataclass(frozen=True)
@@ -43,19 +39,6 @@ class RunRequest:
     run_id: str | None = None
     seed: int | None = None
     overrides: Sequence[Override] = ()
-
-
-@dataclass(frozen=True)
-class RunEnd:
-    """How a run ended and where it is."""
-
-    folder: Path
-    outcome: str
-    exit_code: ExitCode
-    message: str
-    metrics: dict[str, Any] = field(default_factory=dict)
-    limits: Sequence[Judged] = ()
-    manifest: dict[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -72,11 +55,9 @@ class Prepared:
 def prepare(request: RunRequest) -> Prepared:
     """Check and rehearse a run. Raises UserMistake; touches neither hardware nor results."""
     checked = check(request.procedure, request.bench, request.overrides)
-    run_id = (
-        request.run_id
-        if request.run_id is not None
-        else f"{checked.head.procedure}-{utc_now().translate({ord(c): None for c in '-:'})}"
-    )
+    run_id = request.run_id
+    if run_id is None:
+        run_id = f"{checked.head.procedure}-{utc_now().replace('-', '').replace(':', '')}"
     folder = new_run_folder(request.results, run_id)
     _check_disk(request.results, checked.disk_bytes)
     seed = request.seed if request.seed is not None else seed_of(checked.bench)
@@ -97,7 +78,7 @@ def run(
     prepared: Prepared,
     listener: Listener = lambda progress: None,
     on_stop: Callable[[StopRequest], None] = lambda stop: None,
-    write_report: Callable[[Path], Any] | None = None,
+    write_report: ReportWriter | None = None,
 ) -> RunEnd:
     """Carry out a prepared run. Raises BenchFailure only if the bench does not answer; later failures are outcomes.
 
@@ -107,12 +88,13 @@ def run(
     truth_dir = prepared.request.results / TRUTH_FOLDER / folder.name if checked.bench.virtual else None
     with open_bench(checked.bench, prepared.seed, truth_dir) as (station, clock):
         on_stop(clock.stop)
+        check_reach(station, checked.plan)
         journal = _begin(prepared, station, clock)
         try:
             failure = _execute(prepared, station, clock, journal, listener)
         finally:
             journal.close()
-    return finish(folder, checked.head.analysis, failure, write_report)
+    return conclude(folder, checked.head.analysis, failure, write_report)
 
 
 def _begin(prepared: Prepared, station: Station, clock: Clock) -> Journal:
@@ -124,6 +106,8 @@ def _begin(prepared: Prepared, station: Station, clock: Clock) -> Journal:
         copy_into(folder, "bench.yaml", prepared.request.bench)
         for number, path in enumerate(checked.procedure.included, start=1):
             copy_into(folder, f"included/{number:02d}-{path.name}", path)
+        for path in checked.bench.declaration_files:
+            copy_into(folder, f"declarations/{path.name}", path)
         overrides = [item.text for item in prepared.request.overrides]
         head = head_of(checked, folder.name, prepared.seed, overrides, utc_now())
         journal = Journal(folder / "journal.jsonl", head)
@@ -162,7 +146,7 @@ def _execute(
         failure = failure or error
         journal.append("error", clock.now(), text=str(error))
     if unsafe and failure is None:
-        failure = BenchFailure("the bench could not be made safe: " + "; ".join(unsafe))
+        failure = BenchFailure("the bench could not be made safe")
     losses = {name: asdict(gyro.losses) for name, gyro in station.gyros.items()}
     journal.append(
         "end",
@@ -174,63 +158,3 @@ def _execute(
         raw_queue_deepest=store.deepest,
     )
     return failure
-
-
-def finish(
-    folder: Path,
-    analysis: Analysis | None,
-    failure: FogbenchError | None,
-    write_report: Callable[[Path], Any] | None = None,
-) -> RunEnd:
-    """Fold the journal of an ended run into points, timeline, models, metrics, manifest and report."""
-    entries = list(read_journal(folder / "journal.jsonl"))
-    points = points_of(entries)
-    write_points(folder, points)
-    write_table(folder / "timeline.parquet", timeline_of(entries))
-    duts = list(entries[0]["duts"])
-    metrics: dict[str, Any] = {}
-    judged: list[Judged] = []
-    notes: list[str] = []
-    if analysis:
-        result = analyse(folder, points, duts, analysis, {"run_id": entries[0]["run_id"]})
-        metrics, notes = result["metrics"], result["notes"]
-        judged = judge_limits(analysis, metrics, duts)
-    outcome, code, message = _outcome(entries, points, judged, notes, failure)
-    files = {name: sha256(folder / name) for name in HASHED_FILES if (folder / name).is_file()}
-    manifest = manifest_of(entries, judged, outcome, code, files) | {"message": message, "notes": notes}
-    write_json(folder / "manifest.json", manifest)
-    if write_report:
-        write_report(folder)
-    return RunEnd(folder, outcome, code, message, metrics, judged, manifest)
-
-
-def _outcome(
-    entries: Sequence[Entry], points: Any, judged: Sequence[Judged], notes: Sequence[str], failure: FogbenchError | None
-) -> tuple[str, ExitCode, str]:
-    """PASS, FAIL, ERROR or ABORTED (law 9): an unmeasured quantity is not passed."""
-    if isinstance(failure, Interrupted):
-        return "ABORTED", ExitCode.INTERRUPTED, "interrupted; the bench was brought to its safe state"
-    if failure is not None:
-        return "ERROR", ExitCode.BENCH_FAILED, str(failure)
-    reasons = [
-        f"{item.model} {item.split} {item.quantity} over {item.limit:g} deg/s" for item in judged if not item.passed
-    ]
-    failed = int((points["verdict"] == "fail").sum())
-    planned = entries[0]["points_planned"] * len(entries[0]["duts"])
-    reasons += [f"{failed} of {len(points)} points failed their quality limits"] if failed else []
-    reasons += [f"{planned - len(points)} points were not measured"] if len(points) < planned else []
-    reasons += list(notes)
-    if reasons:
-        return "FAIL", ExitCode.FAILED, "; ".join(reasons)
-    return "PASS", ExitCode.PASSED, "all limits met"
-
-
-def failure_of(entries: Sequence[Entry]) -> FogbenchError | None:
-    """How a run on disk failed, so that it can be folded again; None if it came to its end."""
-    end = next((entry for entry in reversed(entries) if entry["kind"] == "end"), None)
-    if end is None:
-        return BenchFailure("the run did not come to its end (its process died)")
-    if end["failure"] is None:
-        return None
-    kind = Interrupted if end["failure"]["kind"] == "Interrupted" else BenchFailure
-    return kind(end["failure"]["text"])

@@ -12,6 +12,7 @@ from bench.engine import Engine
 from bench.errors import FogbenchError
 from drivers.errors import DriverError
 
+NOT_SAFE = "NOT SAFE"
 AT_REST_DPS = 0.05
 POLL_S = 0.25
 
@@ -35,8 +36,8 @@ def _attempt(engine: Engine, name: str, action: Callable[[], str], failures: lis
     try:
         text = action()
     except (DriverError, FogbenchError, OSError) as error:
-        text = f"NOT SAFE: {error}"
-        failures.append(f"{name}: {error}")
+        text = f"{NOT_SAFE}: {name}: {error}"
+        failures.append(text)
     engine.log.append("safe", engine.clock.now(), instrument=name, text=text)
 
 
@@ -60,7 +61,7 @@ def _calm(engine: Engine, safe: ChamberSafe) -> str:
     assert chamber is not None
     if safe.action == "hold":
         chamber.set_ramp_degc_min(None)
-        setpoint = round(chamber.temperature_degc(), 1)
+        setpoint = round(chamber.temperature_degc(), 1) + 0.0
     else:
         chamber.set_ramp_degc_min(safe.rate_degc_min)
         setpoint = safe.temperature_degc

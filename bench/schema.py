@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from importlib.metadata import entry_points
 from typing import Any
 
@@ -13,6 +14,7 @@ from bench.procedure.language import SHORT_FORM, VERBS, ProcedureHead
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 Schema = dict[str, Any]
+_BOUNDS = {"gt", "ge", "lt", "le", "exclusiveMinimum", "minimum", "exclusiveMaximum", "maximum"}
 
 
 def procedure_schema() -> Schema:
@@ -24,7 +26,7 @@ def procedure_schema() -> Schema:
     for name in ("Sweep", "Repeat", "ProcedureHead"):
         definitions[name]["properties"]["steps"]["items"] = {"$ref": "#/$defs/Step"}
     head = definitions.pop("ProcedureHead")
-    return {"$schema": DIALECT, "title": "fogbench procedure", **head, "$defs": definitions}
+    return _tidied({**head, "$schema": DIALECT, "title": "fogbench procedure", "$defs": definitions})
 
 
 def _step(verb: str, model: str) -> Schema:
@@ -45,4 +47,34 @@ def bench_schema() -> Schema:
             settings = model_of(point.load().Settings).model_json_schema(by_alias=True)
             definitions |= settings.pop("$defs", {})
             definitions[f"settings of {point.name}"] = settings
-    return {"$schema": DIALECT, "title": "fogbench bench", **schema}
+    return _tidied({**schema, "$schema": DIALECT, "title": "fogbench bench"})
+
+
+def _tidied(schema: Schema) -> Schema:
+    """The schema with quantities as they are written; pydantic gives bounds and defaults of the number behind them.
+
+    Keys that are no names are refused.
+    """
+    tidy = {key: _tidied_value(value) for key, value in schema.items()}
+    if "patternProperties" in tidy:
+        tidy.setdefault("additionalProperties", False)
+    if unit := _unit(tidy):
+        tidy = {key: value for key, value in tidy.items() if key not in _BOUNDS}
+        if isinstance(tidy.get("default"), int | float):
+            tidy["default"] = f"{tidy['default']:.12g} {unit}"
+    return tidy
+
+
+def _tidied_value(value: Any) -> Any:
+    if isinstance(value, list):
+        return [_tidied_value(item) for item in value]
+    return _tidied(value) if isinstance(value, dict) else value
+
+
+def _unit(schema: Schema) -> str | None:
+    """The unit of a property that is a quantity, or a quantity or null."""
+    for choice in (schema, *schema.get("anyOf", ())):
+        found = isinstance(choice, dict) and re.search(r"; units: ([^,]+)", str(choice.get("description")))
+        if found and choice.get("type") == "string":
+            return found[1]
+    return None

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import math
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 from bench.benchfile import Bench, CanPort, Instrument
 from bench.clock import Clock
 from bench.errors import BenchFailure
+from bench.procedure.language import RampTemperature, SetTemperature
+from bench.procedure.plan import PlannedStep
 from drivers.can_ports import open_can, open_can_source
 from drivers.codecs.batch import FrameBatch, Quantity
 from drivers.codecs.counters import Losses
@@ -115,6 +118,23 @@ def energise(station: Station, clock: Clock) -> None:
         except Refused:
             clock.wait(ENERGISE_WAIT_S)
     station.table.energise()
+
+
+def check_reach(station: Station, plan: Sequence[PlannedStep]) -> None:
+    """Refuse to begin if an instrument reports an alarm, or its own limits forbid a setpoint of the plan."""
+    try:
+        alarm = station.chamber.alarm() if station.chamber else None
+        low, high = station.chamber.limits_degc() if station.chamber else (-math.inf, math.inf)
+    except DriverError as error:
+        raise BenchFailure(str(error)) from error
+    if alarm:
+        raise BenchFailure(f"the chamber reports: {alarm}. Clear it at the controller, then start again.")
+    for step in plan:
+        if isinstance(step.args, SetTemperature | RampTemperature) and not low <= step.args.to_degc <= high:
+            raise BenchFailure(
+                f"{step.mark}: {step.args.to_degc:g} degC is outside the set-point limits of the chamber's controller, "
+                f"{low:g} to {high:g} degC. Change them at the controller, or the procedure; nothing was started."
+            )
 
 
 def _open(station: Station, instrument: Instrument, clock: Clock) -> None:

@@ -117,6 +117,15 @@ def shown(value: object) -> str:
     return f"'{text}'" if isinstance(value, str) else text
 
 
+def number(value: float) -> str:
+    """A number of a message, with every figure that somebody wrote and none that arithmetic added.
+
+    >>> number(0.1 + 0.2), number(-180.0), number(1002.115)
+    ('0.3', '-180', '1002.115')
+    """
+    return f"{value:.9g}"
+
+
 def format_duration(seconds: float) -> str:
     """Readable duration.
 

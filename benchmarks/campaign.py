@@ -56,7 +56,7 @@ class Shares:
 
 def main() -> None:
     """Run it as `fogbench run` does and print the figures."""
-    from bench import analysis, journal, rawstore
+    from bench import conclude, journal, rawstore
     from bench import run as running
     from bench.report import render
     from drivers.gyros import can_dbc as can_driver
@@ -81,10 +81,9 @@ def main() -> None:
     shares.wrap(rawstore.RawStore, "put", "storage")
     shares.wrap(journal.Journal, "append", "storage")
     shares.wrap(journal.Journal, "commit", "storage")
-    shares.wrap(running, "analyse", "fit")
+    shares.wrap(conclude, "analyse", "fit")
     shares.wrap(running, "prepare", "check and rehearsal")
     shares.wrap(running, "run", "engine, reduction, files")
-    del analysis
     with tempfile.TemporaryDirectory() as folder:
         request = running.RunRequest(
             ROOT / "procedures" / "temperature_rate_grid.yaml", ROOT / "benches" / "virtual.yaml", Path(folder), "bench"

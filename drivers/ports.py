@@ -154,7 +154,7 @@ class ThreadedSerialSource:
         """All bytes since the last call, and the time of this call in seconds. Raises PortError."""
         with self._lock:
             if self._failure is not None:
-                why = f"went away while reading: {self._failure}. Check cable, adapter and power, then resume the run"
+                why = f"went away while reading: {self._failure}. Check cable, adapter and power, then start again"
                 raise PortError(self.name, why) from self._failure
             if self._overflowed:
                 why = f"more than {self._limit} bytes came in and nobody took them. Take or discard more often"

@@ -40,7 +40,11 @@ class Problem(Protocol[E]):
 
 @dataclass(frozen=True)
 class Optimum:
-    """Where a walk ended. n_iter counts trial steps; converged: three successive steps gained less than tolerance."""
+    """Where a walk stopped.
+
+    n_iter: trial steps made. converged: nothing worth a step is left, because three successive steps gained less than
+    the tolerance or the next one promises less.
+    """
 
     parameters: NDArray[np.float64]
     cost: float
@@ -113,7 +117,7 @@ class Walk(Generic[E]):
         gained = self.here.cost - evaluation.cost
         if predicted > 0.0 and gained > _ACCEPT * predicted:
             return self._accept(trial, evaluation, gained, predicted)
-        if predicted <= 0.01 * self.tolerance * self.here.cost:
+        if 0.0 <= predicted <= 0.01 * self.tolerance * self.here.cost:
             self.converged = True
         return self._reject()
 

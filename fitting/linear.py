@@ -7,6 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 from sklearn.base import BaseEstimator, RegressorMixin
 from sklearn.utils.validation import check_is_fitted, validate_data
 
+from fitting.blas import one_thread
 from fitting.consequents import batch
 from fitting.scaling import Scaling, scale_target
 from fitting.training import TrainingRecord, unit_variance
@@ -34,6 +35,7 @@ class LinearCompensation(RegressorMixin, BaseEstimator):  # type: ignore[misc]
     target_mean_, target_std_; training_ (hash, ranges, residuals).
     """
 
+    @one_thread()
     def fit(self, X: ArrayLike, y: ArrayLike) -> "LinearCompensation":
         """Fit to X (n, k) and y (n,). ValueError for values that are not finite."""
         inputs, target = validate_data(self, X, y, dtype=np.float64, y_numeric=True)

@@ -9,6 +9,7 @@ from sklearn.utils import check_random_state
 from sklearn.utils.validation import check_is_fitted, validate_data
 
 from fitting.antecedents import Found, SearchSettings, search_joint, search_published
+from fitting.blas import one_thread
 from fitting.consequents import (
     OnlineLeastSquares,
     RecursiveLeastSquares,
@@ -41,7 +42,9 @@ class TakagiSugeno(RegressorMixin, BaseEstimator):  # type: ignore[misc]
     antecedents: 'joint' (variable projection) or 'gustafson_kessel' (the published clustering in product space).
     consequents: 'batch' (QR), 'recursive' (the published recursion) or 'square_root' (its information form); the last
         two start from P(0) = 1e6 I and ignore `ridge`.
-    n_starts: starts tried; the one kept predicts held-back temperature blocks best (`fitting.selection`).
+    n_starts: starts tried (`fitting.starts`). Of published ones the one is kept that predicts held-out temperature
+        blocks best; of joint ones the two with the lowest training error go on, and the better of them at held-out
+        blocks replaces the best model with shared sets if it halves that model's error there. Never chosen by J.
     fuzziness: the exponent m of the clustering. tol: its stop, ||U_i - U_(i-1)|| < tol.
     max_iter: sweeps of the clustering (None: 500) or steps of the joint walk (None: 120), for each start.
     ridge: on the consequents of the z-scored problem.
@@ -79,6 +82,7 @@ class TakagiSugeno(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         self.ridge = ridge
         self.random_state = random_state
 
+    @one_thread()
     def fit(self, X: ArrayLike, y: ArrayLike) -> "TakagiSugeno":
         """Fit to X (n >= 2, k) and y (n,). ValueError for a bad parameter or for values that are not finite."""
         settings = self._settings()
@@ -153,13 +157,15 @@ def _one_of(name: str, value: object, allowed: tuple[str, ...]) -> None:
 def published() -> TakagiSugeno:
     """The paper's model: four rules, Gustafson-Kessel antecedents with m = 2, recursive least squares.
 
-    Several random partitions are tried instead of one, because one start in three ends in a poor optimum (fitting
+    Five random partitions are tried where the paper has one, because a run ends in any of three optima (fitting
     notes, section 4).
     """
     return TakagiSugeno(n_rules=4, antecedents="gustafson_kessel", consequents="recursive")
 
 
 def joint() -> TakagiSugeno:
-    """Four rules whose antecedents are optimised together with the consequents; low/high temperature x low/high rate
-    unless rules with sets of their own are clearly better."""
+    """Four rules whose antecedents are optimised together with the consequents.
+
+    They are low/high temperature x low/high rate, unless rules with sets of their own are clearly better.
+    """
     return TakagiSugeno(n_rules=4, antecedents="joint", consequents="batch")

@@ -30,9 +30,9 @@ def command(results: Path, as_json: bool) -> None:
         [
             run["run_id"],
             run["outcome"],
-            f"{run['points_measured']}/{run['points_planned']}",
-            format_duration(run["duration_s"] or 0.0),
-            "virtual" if run["virtual"] else "real",
+            f"{_or_dash(run['points_measured'])}/{_or_dash(run['points_planned'])}",
+            "–" if run["duration_s"] is None else format_duration(run["duration_s"]),
+            {True: "virtual", False: "real", None: "–"}[run["virtual"]],
             run["started_utc"] or "–",
         ]
         for run in runs
@@ -40,12 +40,25 @@ def command(results: Path, as_json: bool) -> None:
     click.echo(table(rows, ["run", "outcome", "points", "bench time", "bench", "started"]))
 
 
+def _or_dash(value: int | None) -> str:
+    return "–" if value is None else str(value)
+
+
+KEYS = ("outcome", "points_measured", "points_planned", "duration_s", "started_utc")
+
+
 def _about(folder: Path) -> dict[str, Any]:
-    """A run as its manifest says, or as unfinished if it has none."""
-    keys = ("run_id", "outcome", "points_measured", "points_planned", "duration_s", "started_utc")
+    """A run as its manifest says; without one (it runs, or died) as far as its journal goes."""
+    from bench.errors import FogbenchError
+    from bench.journal import load_journal
+    from bench.manifest import manifest_of
+
     try:
         manifest = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
-        return {key: manifest[key] for key in keys} | {"virtual": manifest["bench"]["virtual"]}
-    except (OSError, ValueError, KeyError, TypeError):
-        unknown = dict.fromkeys(keys) | {"run_id": folder.name, "outcome": "UNFINISHED", "virtual": None}
-        return unknown | {"points_measured": 0, "points_planned": 0}
+    except (OSError, ValueError):
+        try:
+            manifest = manifest_of(load_journal(folder / "journal.jsonl"), [], "UNFINISHED", 0, {})
+        except (FogbenchError, OSError, LookupError):
+            manifest = {"outcome": "UNREADABLE"}
+    virtual = manifest.get("bench", {}).get("virtual")
+    return {"run_id": folder.name, **{key: manifest.get(key) for key in KEYS}, "virtual": virtual}

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import importlib
 import json
+import os
 import sys
+import traceback
 from typing import Any
 
 import click
 
-from bench.errors import ExitCode, FogbenchError, InvalidFiles
+from bench.errors import BenchFailure, ExitCode, FogbenchError, InvalidFiles
 
 # name -> module, one line of help
 COMMANDS = {
@@ -50,8 +52,15 @@ class LazyGroup(click.Group):
 
 @click.command(cls=LazyGroup, epilog=EPILOG, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(package_name="fogbench")
-def cli() -> None:
+@click.pass_context
+def cli(ctx: click.Context) -> None:
     """fogbench runs gyro calibration campaigns from a YAML procedure, on real instruments or on a virtual bench."""
+    ctx.color = _colour_wanted()
+
+
+def _colour_wanted() -> bool | None:
+    """No colour if NO_COLOR is set (no-color.org) or the terminal is dumb; else only on a terminal."""
+    return False if os.environ.get("NO_COLOR") or os.environ.get("TERM") == "dumb" else None
 
 
 def main() -> None:
@@ -70,6 +79,14 @@ def main() -> None:
     except BrokenPipeError:
         sys.stderr.close()
         code = ExitCode.PASSED
+    except OSError as error:
+        show_error(BenchFailure(f"{error}. Is the disk full or a folder not writable? What was journaled is kept."))
+        code = ExitCode.BENCH_FAILED
+    except Exception as error:
+        # A defect of ours must not look like exit code 1, "a measured limit failed".
+        traceback.print_exc()
+        show_error(BenchFailure(f"fogbench itself failed ({type(error).__name__}); the lines above say where."))
+        code = ExitCode.BENCH_FAILED
     sys.exit(int(code or 0))
 
 
@@ -80,9 +97,15 @@ def show_error(error: FogbenchError) -> None:
         listed = [
             {"file": p.mark.file, "line": p.mark.line, "column": p.mark.column, "message": p.message} for p in problems
         ]
-        click.echo(json.dumps({"error": str(error), "exit_code": int(error.exit_code), "problems": listed}, indent=1))
+        click.echo(
+            json.dumps(
+                {"error": str(error), "exit_code": int(error.exit_code), "problems": listed},
+                indent=1,
+                ensure_ascii=False,
+            )
+        )
     else:
-        click.echo(click.style("error: ", fg="red", bold=True) + str(error), err=True)
+        click.echo(click.style("error: ", fg="red", bold=True) + str(error), err=True, color=_colour_wanted())
 
 
 def print_json(value: Any) -> None:

@@ -16,10 +16,13 @@ from bench.cli.options import json_option, results_option
 @json_option
 def command(run: str, results: Path, as_json: bool) -> None:
     """Write report.html of RUN (a run folder or run id) again, from what is on disk."""
+    from bench.refit import complete
     from bench.report.render import write_report
     from bench.runfolder import find_run
 
-    path = write_report(find_run(run, results))
+    folder = find_run(run, results)
+    complete(folder)
+    path = write_report(folder)
     if as_json:
         print_json({"report": str(path)})
     else:

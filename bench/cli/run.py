@@ -13,7 +13,7 @@ from bench.cli.options import bench_option, existing_file, json_option, results_
 
 if TYPE_CHECKING:
     from bench.clock import StopRequest
-    from bench.run import RunEnd
+    from bench.conclude import RunEnd
 
 
 @click.command("run")
@@ -53,14 +53,16 @@ def command(
 
 
 def _stop_on_signals(stop: StopRequest) -> None:
-    """First Ctrl-C or SIGTERM asks for an orderly end; a second Ctrl-C interrupts at once."""
+    """First Ctrl-C, SIGTERM or SIGHUP asks for an orderly end; a second Ctrl-C interrupts at once."""
 
     def ask(number: int, frame: Any) -> None:
         signal.signal(signal.SIGINT, signal.default_int_handler)
         stop.ask()
 
-    signal.signal(signal.SIGINT, ask)
-    signal.signal(signal.SIGTERM, ask)
+    # SIGHUP: a terminal that was closed or a dropped remote login must not leave the table turning.
+    for name in ("SIGINT", "SIGTERM", "SIGHUP"):
+        if hasattr(signal, name):
+            signal.signal(getattr(signal, name), ask)
 
 
 def summary(end: RunEnd) -> dict[str, Any]:

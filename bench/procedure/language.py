@@ -327,11 +327,15 @@ class Analysis(YamlMapping):
 
 
 class ProcedureHead(YamlMapping):
-    """A procedure: what to do, in steps, and how to judge the result."""
+    """A procedure: what to do, in steps, and how to judge the result.
+
+    `experiment` names a published experiment whose figures the report sets beside ours; so far there is `ts`.
+    """
 
     procedure: Name
     title: str = ""
     description: str = ""
+    experiment: Literal["ts", "rlg", "bp", "north"] | None = None
     raw: Literal["frames", "samples", "none"] = "frames"
     limits: Limits = Field(default_factory=Limits)
     quality: Quality = Field(default_factory=Quality)

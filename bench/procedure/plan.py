@@ -23,6 +23,7 @@ from bench.procedure.language import (
     TemperatureRange,
 )
 from bench.procedure.parse import StepNode
+from bench.units import number
 
 MAX_STEPS = 500_000
 # Values of ranges are rounded: 0.1-steps visit 0.3 and not 0.30000000000000004 (setpoints are keys in the record).
@@ -157,17 +158,18 @@ def sweep_values(sweep: Sweep) -> list[float]:
 def _range(start: float, end: float, step: float, unit: str, step_unit: str) -> list[float]:
     if end < start:
         raise ValueError(
-            f"'from' ({start:g} {unit}) is above 'to' ({end:g} {unit}); write them upwards with order: down"
+            f"'from' ({number(start)} {unit}) is above 'to' ({number(end)} {unit}); write them upwards with order: down"
         )
     steps = (end - start) / step
     if steps >= MAX_STEPS:
         raise ValueError(f"a step of {step:g} {step_unit} gives more than {MAX_STEPS} values")
     count = round(steps)
     if abs(steps - count) > 1e-6:
-        last = start + math.floor(steps) * step
+        last, after = number(start + math.floor(steps) * step), number(start + math.ceil(steps) * step)
         raise ValueError(
-            f"steps of {step:g} {step_unit} from {start:g} {unit} do not end on {end:g} {unit}: they reach {last:g}, "
-            f"then {last + step:g}. Choose a step that divides {end - start:g} {step_unit}, or to: {last:g} {unit}"
+            f"steps of {number(step)} {step_unit} from {number(start)} {unit} do not end on {number(end)} {unit}: they "
+            f"reach {last}, then {after}. Choose a step that divides {number(end - start)} {step_unit}, "
+            f"or to: {last} {unit}"
         )
     return [round(start + index * step, _DIGITS) + 0.0 for index in range(count + 1)]
 
@@ -177,7 +179,7 @@ def _without(values: list[float], unwanted: list[float]) -> list[float]:
     kept = [value for value in values if value not in left_out]
     missing = sorted(left_out - visited)
     if missing:
-        raise ValueError(f"'without' names {missing[0]:g}, which the range does not visit")
+        raise ValueError(f"'without' names {number(missing[0])}, which the range does not visit")
     if not kept:
         raise ValueError("'without' leaves no value")
     return kept

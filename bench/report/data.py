@@ -8,23 +8,32 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
 from bench.errors import UserMistake
+from bench.report.formats import fault
 from bench.report.manifest import Manifest
+from bench.report.residuals import (
+    HEADLINE_SPLIT,
+    ModelLoader,
+    held_out_residuals,
+    load_saved_model,
+    read_held_out,
+    saved_model_residuals,
+)
 
-HEADLINE_SPLIT = "leave_temperatures_out"
 HELD_BACK_SPLIT = "random"
 TRAIN_SPLIT = "random_train"
 UNCOMPENSATED = "none"
 LARGEST_SOURCE_CHARACTERS = 60_000
+FEW_POINTS = 20
 
 NUMBERS = (
     "point",
@@ -33,6 +42,7 @@ NUMBERS = (
     "chamber_readback_degc",
     "dut_temperature_degc",
     "dut_temperature_slope_degc_min",
+    "dut_temperature_slope_u_degc_min",
     "rate_setpoint_dps",
     "rate_readback_dps",
     "rate_reference_dps",
@@ -44,6 +54,8 @@ NUMBERS = (
     "frames_lost",
     "duplicates",
     "bad_checksum",
+    "skipped_bytes",
+    "resyncs",
     "outliers",
     "started_at_s",
     "ended_at_s",
@@ -54,21 +66,13 @@ Floats = NDArray[np.float64]
 Metrics = Mapping[str, Mapping[str, Mapping[str, float | None]]]
 
 
-class Compensation(Protocol):
-    """What a saved model does: temperature (n,) degC and gyro output (n,) deg/s to the compensated rate (n,) deg/s."""
-
-    def predict(self, temperature_degc: Floats, rate_dps: Floats) -> Floats: ...
-
-
-ModelLoader = Callable[[Path], Compensation]
-
-
 @dataclass(frozen=True)
 class DutData:
     """One DUT: its points in the order measured, and the model shown in its figures.
 
     `points` has the columns of points.csv and `error_dps`, `residual_dps` (NaN without a model), `dwell` (counted from
-    0 in the order measured) and `usable` (a finite error and a verdict other than fail).
+    0 in the order measured) and `usable` (a finite error and a verdict other than fail). `held_out`: each residual is
+    of a model that never saw the dwell of its point; otherwise of the model fitted on all points.
     """
 
     name: str
@@ -76,10 +80,17 @@ class DutData:
     metrics: Metrics
     model: str | None
     chosen_by: str
+    held_out: bool = False
 
     @property
     def usable(self) -> pd.DataFrame:
         return self.points[self.points["usable"]]
+
+    @property
+    def revisited(self) -> bool:
+        """Whether a chamber setpoint was measured in more than one dwell."""
+        visits = self.usable.groupby("chamber_setpoint_degc")["dwell"].nunique()
+        return bool((visits > 1).any())
 
     @property
     def floor_dps(self) -> float | None:
@@ -122,11 +133,17 @@ def read_run(run_dir: Path, load_model: ModelLoader | None = None) -> ReportData
         )
     notes: list[str] = []
     manifest = Manifest.from_mapping(_json(run_dir / "manifest.json", notes), run_dir.resolve().name)
+    notes += manifest.notes
     points = _points(run_dir / "points.csv", notes)
-    metrics = _json(run_dir / "metrics.json", notes)
-    names = list(dict.fromkeys([*manifest.duts, *points["dut"]]))
-    duts = tuple(_dut(run_dir, name, points, metrics.get(name), load_model or _load_model, notes) for name in names)
-    _note_unfinished(manifest, len(points), notes)
+    fitted = (run_dir / "metrics.json").exists() or (run_dir / "models").exists()
+    metrics = _json(run_dir / "metrics.json", notes) if fitted else {}
+    held_out = read_held_out(run_dir, notes) if fitted else None
+    duts = tuple(
+        _dut(run_dir, name, points, metrics.get(name), held_out, load_model or load_saved_model, notes)
+        for name in dict.fromkeys([*manifest.duts, *points["dut"]])
+    )
+    _note_unfitted(duts, notes)
+    _note_unfinished(manifest, notes)
     return ReportData(
         run_dir=run_dir,
         manifest=manifest,
@@ -137,20 +154,13 @@ def read_run(run_dir: Path, load_model: ModelLoader | None = None) -> ReportData
     )
 
 
-def _load_model(path: Path) -> Compensation:
-    from fitting.modelfile import load_model
-
-    loaded: Compensation = load_model(path)
-    return loaded
-
-
 def _json(path: Path, notes: list[str]) -> dict[str, Any]:
     try:
         value = json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
         notes.append(f"{path.name} is missing: what it holds is not shown.")
     except (OSError, ValueError) as error:
-        notes.append(f"{path.name} cannot be read ({error}): what it holds is not shown.")
+        notes.append(f"{path.name} cannot be read ({fault(error, path)}): what it holds is not shown.")
     else:
         if isinstance(value, dict):
             return value
@@ -165,7 +175,7 @@ def _points(path: Path, notes: list[str]) -> pd.DataFrame:
         notes.append("points.csv is missing: no points are shown.")
         points = pd.DataFrame()
     except (OSError, ValueError) as error:
-        notes.append(f"points.csv cannot be read ({error}): no points are shown.")
+        notes.append(f"points.csv cannot be read ({fault(error, path)}): no points are shown.")
         points = pd.DataFrame()
     columns = {name: _numeric(points, name) for name in NUMBERS}
     texts = {name: _textual(points, name) for name in TEXTS}
@@ -185,22 +195,32 @@ def _textual(points: pd.DataFrame, name: str) -> pd.Series[str]:
 
 
 def _dut(
-    run_dir: Path, name: str, points: pd.DataFrame, metrics: Any, load_model: ModelLoader, notes: list[str]
+    run_dir: Path,
+    name: str,
+    points: pd.DataFrame,
+    metrics: Any,
+    held_out: pd.DataFrame | None,
+    load_model: ModelLoader,
+    notes: list[str],
 ) -> DutData:
     own = points[points["dut"] == name].reset_index(drop=True)
     own["error_dps"] = own["rate_mean_dps"] - own["rate_reference_dps"]
     own["dwell"] = _dwells(own)
     own["usable"] = np.isfinite(own["error_dps"]) & (own["verdict"] != "fail")
     own["residual_dps"] = math.nan
+    models = run_dir / "models" / name
+    dut = DutData(name, own, _figures_of_merit(metrics), *_best_model(_figures_of_merit(metrics), models))
     if own.empty:
         notes.append(f"{name}: no point was measured.")
-    figures = _figures_of_merit(metrics)
-    model, chosen_by = _best_model(figures, run_dir / "models" / name)
-    if model is None:
-        notes.append(f"{name}: no model was fitted, so nothing is compensated.")
-    elif not own.empty:
-        own["residual_dps"] = _residuals(run_dir / "models" / name / f"{model}.json", own, load_model, notes)
-    return DutData(name, own, figures, model, chosen_by)
+    if own.empty or dut.model is None:
+        return dut
+    std_dps, saved = dut.figure(dut.model, HEADLINE_SPLIT, "std_dps"), models / f"{dut.model}.json"
+    found = held_out_residuals(held_out, own, name, dut.model, std_dps, notes)
+    if found and not saved.is_file():
+        notes.append(f"models/{name}/{saved.name} is missing: its figures are shown, but nothing can be compensated.")
+    found = found or saved_model_residuals(saved, own, load_model, notes)
+    own["residual_dps"] = found.residual_dps
+    return replace(dut, held_out=found.held_out)
 
 
 def _dwells(own: pd.DataFrame) -> NDArray[np.int64]:
@@ -236,30 +256,17 @@ def _best_model(metrics: Metrics, folder: Path) -> tuple[str | None, str]:
     return (saved[0], "the first saved model; metrics.json names no best one") if saved else (None, "")
 
 
-def _residuals(path: Path, points: pd.DataFrame, load_model: ModelLoader, notes: list[str]) -> Floats:
-    temperature = points["dut_temperature_degc"].to_numpy(dtype=float)
-    rate = points["rate_mean_dps"].to_numpy(dtype=float)
-    known = np.isfinite(temperature) & np.isfinite(rate)
-    residual = np.full(len(points), math.nan)
-    try:
-        predicted = load_model(path).predict(temperature[known], rate[known])
-    except Exception as error:  # a damaged or foreign model file must not cost the lab its report
-        notes.append(f"models/{path.parent.name}/{path.name} cannot be used: {error}")
-        return residual
-    residual[known] = predicted - points["rate_reference_dps"].to_numpy(dtype=float)[known]
-    return residual
-
-
 def _timeline(path: Path, notes: list[str]) -> pd.DataFrame | None:
     try:
-        timeline = pd.read_parquet(path)
+        timeline = pd.read_parquet(path).apply(pd.to_numeric, errors="coerce")
     except FileNotFoundError:
         notes.append("timeline.parquet is missing: the timeline is not shown.")
-    except (OSError, ValueError) as error:
-        notes.append(f"timeline.parquet cannot be read ({error}): the timeline is not shown.")
+    except Exception as error:  # pyarrow raises several kinds; a damaged file must not cost the lab its report
+        notes.append(f"timeline.parquet cannot be read ({fault(error, path)}): the timeline is not shown.")
     else:
-        if "t_s" in timeline and len(timeline) > 1:
-            return timeline.sort_values("t_s", kind="stable").reset_index(drop=True)
+        known = timeline[timeline["t_s"].notna()] if "t_s" in timeline else timeline.iloc[:0]
+        if len(known) > 1:
+            return known.sort_values("t_s", kind="stable").reset_index(drop=True)
         notes.append("timeline.parquet holds no time series: the timeline is not shown.")
     return None
 
@@ -273,11 +280,19 @@ def _sources(run_dir: Path) -> Iterator[tuple[str, str]]:
             yield name, text[:LARGEST_SOURCE_CHARACTERS] + cut
 
 
-def _note_unfinished(manifest: Manifest, rows: int, notes: list[str]) -> None:
+def _note_unfitted(duts: Sequence[DutData], notes: list[str]) -> None:
+    unfitted = [dut.name for dut in duts if dut.model is None and len(dut.points)]
+    if unfitted and len(unfitted) == len(duts):
+        notes.append("No model was fitted in this run, so nothing is compensated: the points are shown as measured.")
+    else:
+        notes += [f"{name}: no model was fitted, so nothing is compensated." for name in unfitted]
+    if any(dut.model and len(dut.points) < FEW_POINTS for dut in duts):
+        notes.append(f"Fewer than {FEW_POINTS} points were measured: figures of merit rest on very little.")
+
+
+def _note_unfinished(manifest: Manifest, notes: list[str]) -> None:
     planned, measured = manifest.points_planned, manifest.points_measured
     if planned is not None and measured is not None and measured < planned:
         notes.insert(0, f"The run ended early: {measured} of {planned} planned points were measured.")
     if manifest.outcome == "UNKNOWN":
         notes.insert(0, "The run did not record an outcome: it may still be running, or it was cut off.")
-    if rows and rows < 20:
-        notes.append(f"Only {rows} rows were measured: figures of merit and figures rest on few points.")

@@ -17,6 +17,10 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 BINS = 900
+# Up to here each readback is marked: the line between two of them was not measured.
+FEW_READBACKS = 40
+# Over a readback three times as wide, so that both are seen where they agree.
+DASHES = (0, (4, 3))
 
 
 def timeline(data: ReportData) -> fig.Figure | None:
@@ -28,12 +32,23 @@ def timeline(data: ReportData) -> fig.Figure | None:
     drawn_as = (
         f" Drawn as minimum and maximum of every {duration(last_s / BINS)}; no excursion is lost." if dense else ""
     )
+    swept = any(dut.points["dwell"].max() > 0 for dut in data.duts if len(dut.points))
+    staircase = "; each staircase is one sweep of the rate at one temperature" if swept else ""
     caption = (
-        f"The whole run, {duration(last_s)} of bench time. Above: chamber setpoint and readback with the DUTs' own "
-        f"temperature sensors. Below: table rate; each staircase is one sweep of the rate at one temperature.{drawn_as}"
+        f"The whole run, {duration(last_s)} of bench time. Above: {_temperatures_seen(data.timeline)}. "
+        f"Below: table rate{staircase}.{drawn_as}"
     )
     alt = "Time series of chamber setpoint, chamber readback and DUT temperatures above, table rate below."
     return _drawn(data, data.timeline, 0.0, last_s, "timeline", alt, caption)
+
+
+def _temperatures_seen(rows: pd.DataFrame) -> str:
+    """What the upper axes show, in words."""
+    own = "the DUTs' own temperature sensors"
+    if not _has(rows, "chamber_readback_degc"):
+        return own
+    over = ", its setpoint (dashed) over it," if _has(rows, "chamber_setpoint_degc") else ""
+    return f"chamber readback{over} and {own}"
 
 
 def one_dwell(data: ReportData) -> fig.Figure | None:
@@ -82,14 +97,14 @@ def _temperatures(axes: Axes, data: ReportData, rows: pd.DataFrame, unit_s: floa
         column = f"temperature_degc:{dut.name}"
         style = "-" if number % 2 == 0 else (0, (5, 2))
         _line(axes, rows, column, unit_s, f"DUT {dut.name}", fig.dut_colour(number), linestyle=style)
-    _line(axes, rows, "chamber_readback_degc", unit_s, "chamber readback", fig.INK, linewidth=1.2)
-    _line(axes, rows, "chamber_setpoint_degc", unit_s, "chamber setpoint", fig.SETPOINT, linewidth=1.0, zorder=1.5)
+    _line(axes, rows, "chamber_readback_degc", unit_s, "chamber readback", fig.SETPOINT, linewidth=3.0, zorder=1.8)
+    _line(axes, rows, "chamber_setpoint_degc", unit_s, "chamber setpoint", fig.INK, linewidth=1.0, linestyle=DASHES)
     axes.set_ylabel("temperature (°C)")
     axes.margins(y=0.06)
 
 
 def _rates(axes: Axes, data: ReportData, rows: pd.DataFrame, unit_s: float) -> None:
-    read = "rate_readback_dps" in rows and rows["rate_readback_dps"].notna().any()
+    read = _has(rows, "rate_readback_dps")
     column, label = ("rate_readback_dps", "table readback") if read else ("rate_setpoint_dps", "table setpoint")
     _line(axes, rows, column, unit_s, label, fig.INK, linewidth=1.0)
     _verdict_marks(axes, data, unit_s)
@@ -123,14 +138,17 @@ def _verdict_marks(axes: Axes, data: ReportData, unit_s: float) -> None:
 def _line(
     axes: Axes, rows: pd.DataFrame, column: str, unit_s: float, label: str, colour: str, **options: object
 ) -> None:
-    if column not in rows:
+    if not _has(rows, column):
         return
     values = rows[column].to_numpy(dtype=float)
     known = np.isfinite(values)
-    if not known.any():
-        return
     t, y = envelope(rows["t_s"].to_numpy(dtype=float)[known] / unit_s, values[known], BINS)
-    axes.plot(t, y, color=colour, label=label, solid_joinstyle="round", **options)  # type: ignore[arg-type]
+    marked = {"marker": "o", "markersize": 4, "clip_on": False} if len(t) <= FEW_READBACKS else {}
+    axes.plot(t, y, color=colour, label=label, solid_joinstyle="round", **marked, **options)  # type: ignore[arg-type]
+
+
+def _has(rows: pd.DataFrame, column: str) -> bool:
+    return column in rows and bool(np.isfinite(rows[column].to_numpy(dtype=float)).any())
 
 
 def envelope(t: Floats, y: Floats, bins: int) -> tuple[Floats, Floats]:

@@ -10,8 +10,9 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from bench.report import figures as fig
-from bench.report.data import HEADLINE_SPLIT, HELD_BACK_SPLIT, DutData
+from bench.report.data import HELD_BACK_SPLIT, DutData
 from bench.report.formats import significant
+from bench.report.residuals import HEADLINE_SPLIT
 from bench.report.wording import model_name
 
 if TYPE_CHECKING:
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 ELEVATION_DEG, AZIMUTH_DEG = 24, -128
 LARGEST_SIDE = 45
+LEGEND_COLUMNS = 2
 SERIES = (
     (HEADLINE_SPLIT, "leave temperatures out", "#0072b2", 0.13, "o"),
     (HELD_BACK_SPLIT, "random split, held-back points", "#8a97a3", -0.13, "s"),
@@ -29,13 +31,16 @@ SERIES = (
 def model_scores(dut: DutData, name: str) -> fig.Figure | None:
     """Std and largest error of every model on a logarithmic axis, noise floor beside; None without figures of merit."""
     models = list(dut.metrics)
-    size = (fig.HALF[0], 140 + 44 * max(len(models), 2))
-    drawn = fig.canvas(size)
-    axes = fig.axes_at(drawn, 132, 46, 18, 78)
-    drawn.text(132 / size[0], 1 - 18 / size[1], f"DUT {dut.name}", weight="bold", size=12.5)
-    series = [_score_series(axes, dut, models, *spec) for spec in SERIES]
-    if not any(series):
+    series = [spec for spec in SERIES if any(_drawable(dut, model, spec[0]) for model in models)]
+    if not series:
         return None
+    legend_rows = math.ceil((len(series) + bool(dut.floor_dps)) / LEGEND_COLUMNS)
+    size = (fig.HALF[0], 102 + 19 * legend_rows + 44 * max(len(models), 2))
+    drawn = fig.canvas(size)
+    axes = fig.axes_at(drawn, 132, 46, 18, 40 + 19 * legend_rows)
+    drawn.text(132 / size[0], 1 - 18 / size[1], f"DUT {dut.name}", weight="bold", size=12.5)
+    for split, label, colour, shift, marker in series:
+        _score_series(axes, dut, models, split, label, colour, shift if len(series) > 1 else 0.0, marker)
     if dut.floor_dps:
         axes.axvline(dut.floor_dps, color=fig.FLOOR, linewidth=1.8, linestyle=(0, (4, 2)), label="noise floor")
     axes.set_xscale("log")
@@ -45,16 +50,21 @@ def model_scores(dut: DutData, name: str) -> fig.Figure | None:
     axes.tick_params(axis="y", length=0, labelcolor=fig.INK)
     axes.grid(visible=False, axis="y")
     axes.set_xlabel("error (°/s), logarithmic")
-    fig.legend_above(axes, columns=2)
+    fig.legend_above(axes, columns=LEGEND_COLUMNS)
     alt = f"DUT {dut.name}: standard deviation and largest error of each model on a logarithmic axis."
     return fig.finish(drawn, name, alt)
 
 
+def _drawable(dut: DutData, model: str, split: str) -> bool:
+    """Whether both figures are there and not zero, which a logarithmic axis cannot show."""
+    return all(dut.figure(model, split, quantity) for quantity in ("std_dps", "max_abs_dps"))
+
+
 def _score_series(
     axes: Axes, dut: DutData, models: list[str], split: str, label: str, colour: str, shift: float, marker: str
-) -> bool:
-    """A marker at the std and a whisker to the largest error; False if this split was not judged."""
-    drawn = False
+) -> None:
+    """A marker at the std and a whisker to the largest error, for every model that was judged on this split."""
+    named = False
     for row, model in enumerate(models):
         std, largest = (dut.figure(model, split, quantity) for quantity in ("std_dps", "max_abs_dps"))
         if not std or not largest:
@@ -63,10 +73,9 @@ def _score_series(
         axes.plot([std, largest], [y, y], color=colour, linewidth=2, solid_capstyle="butt")
         axes.plot([largest], [y], color=colour, marker="|", markersize=10, markeredgewidth=2)
         axes.plot(
-            [std], [y], color=colour, marker=marker, markersize=7.5, linestyle="none", label=None if drawn else label
+            [std], [y], color=colour, marker=marker, markersize=7.5, linestyle="none", label=None if named else label
         )
-        drawn = True
-    return drawn
+        named = True
 
 
 def error_surface(dut: DutData, column: str, name: str) -> fig.Figure | None:
@@ -85,7 +94,8 @@ def error_surface(dut: DutData, column: str, name: str) -> fig.Figure | None:
     _surface(axes, patches, bound)
     _frame(axes, patches)
     before = column == "error_dps"
-    words = "as measured" if before else f"after {model_name(dut.model or '')}"
+    held_out = ", held out" if dut.held_out else ""
+    words = "as measured" if before else f"after {model_name(dut.model or '')}{held_out}"
     drawn.text(0.02, 0.955, f"Error {words}", weight="bold", size=12.5)
     drawn.text(0.02, 0.90, f"z axis: ±{significant(bound, 2)} °/s", size=11.5, color=fig.MUTED)
     low, high = float(np.min(patches[..., 2])), float(np.max(patches[..., 2]))
@@ -145,7 +155,7 @@ def _frame(axes: Any, patches: Floats) -> None:
     axes.set_zlabel("error (°/s)", labelpad=8, rotation=90)
     fig.setpoint_ticks(axes.xaxis, 6)
     fig.setpoint_ticks(axes.yaxis, 6)
-    axes.locator_params(axis="z", nbins=6)
+    axes.locator_params(axis="z", nbins=6, prune="lower")
     axes.tick_params(pad=1)
     for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
         axis.set_pane_color("#f7f9fa")

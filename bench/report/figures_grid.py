@@ -58,7 +58,8 @@ def verdict_map(dut: DutData, name: str) -> fig.Figure | None:
     _signs(axes, worst.index, verdicts)
     counts = {verdict: int((points["verdict"] == verdict).sum()) for verdict in WORST_LAST}
     keys = [Patch(facecolor=fig.VERDICT_COLOURS[word], label=f"{word} {counts[word]}") for word in WORST_LAST]
-    keys.append(Patch(facecolor=MISSING, edgecolor=fig.HAIRLINE, label=f"not measured {missing}"))
+    if missing:
+        keys.append(Patch(facecolor=MISSING, edgecolor=fig.HAIRLINE, hatch="////", label=f"not measured {missing}"))
     axes.legend(
         handles=keys, loc="lower left", bbox_to_anchor=(-0.02, 0.985), ncols=4, handlelength=1, columnspacing=1.3
     )

@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 BINS = 41
+# A single dwell drifts by millikelvins, which an axis fitted to it would blow up.
+NARROWEST_DEGC = 2.0
 FLOOR_BAND = {"color": fig.FLOOR, "alpha": 0.35, "linewidth": 0}
 
 
@@ -64,6 +66,9 @@ def against_temperature(dut: DutData, number: int, name: str) -> fig.Figure | No
         color=fig.INK,
     )
     _floor_band(axes, dut, horizontal=True)
+    middle, half = (x.min() + x.max()) / 2, (x.max() - x.min()) / 2
+    if half < NARROWEST_DEGC / 2:
+        axes.set_xlim(middle - NARROWEST_DEGC / 2, middle + NARROWEST_DEGC / 2)
     fig.setpoint_ticks(axes.xaxis)
     axes.set(xlabel="DUT temperature (°C)", ylabel="residual (°/s)", title="Residual against temperature")
     alt = f"DUT {dut.name}: residual against DUT temperature, {len(points)} points, bar at the mean of each dwell."
@@ -78,17 +83,17 @@ def histogram(dut: DutData, number: int, name: str) -> fig.Figure | None:
     drawn = fig.canvas()
     axes = fig.axes_at(drawn, 72, 48, 18, 34)
     bound = float(np.max(np.abs(residual))) or math.ulp(1.0)
-    counts, edges = np.histogram(residual, bins=BINS, range=(-bound, bound))
+    bins = min(BINS, 2 * math.isqrt(len(residual)) + 1)
+    counts, edges = np.histogram(residual, bins=bins, range=(-bound, bound))
     axes.stairs(counts, edges, fill=True, color=fig.dut_colour(number), alpha=0.75)
     _floor_band(axes, dut, horizontal=False)
     std, mean = float(np.std(residual)), float(np.mean(residual))
     for edge in (mean - std, mean + std):
         axes.axvline(edge, color=fig.INK, linewidth=1.1, linestyle=(0, (4, 3)))
-    top = axes.get_ylim()[1] * 1.1
-    axes.set_ylim(0, top)
-    axes.annotate(
-        f"±1 std = {significant(std)} °/s", (mean + std, top * 0.95), (6, 0), textcoords="offset points", va="center"
-    )
+    axes.locator_params(axis="x", nbins=7)
+    axes.locator_params(axis="y", integer=True)
+    stated = f"±1 std = {significant(std)} °/s"
+    axes.set_title(stated, loc="right", fontsize=11.5, fontweight="normal", color=fig.MUTED)
     axes.set(xlabel="residual (°/s)", ylabel="points", title="Distribution of the residual")
     alt = f"DUT {dut.name}: histogram of {len(residual)} residuals, std {significant(std)} degrees per second."
     return fig.finish(drawn, name, alt)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
+from pathlib import Path
 
 MISSING = "–"
 MINUS = "\N{MINUS SIGN}"
@@ -82,6 +83,15 @@ def setpoint(value: float | None) -> str:
     if value is None or not math.isfinite(value):
         return MISSING
     return f"{value:.6g}".replace("-", MINUS)
+
+
+def fault(error: Exception, path: Path) -> str:
+    """What went wrong with the file, without the folders of the machine the report was written on.
+
+    >>> fault(ValueError("/lab/results/r1/points.csv: no columns"), Path("/lab/results/r1/points.csv"))
+    'points.csv: no columns'
+    """
+    return str(error).replace(str(path), path.name)
 
 
 def decimals_missing(texts: Iterable[str]) -> list[int]:

@@ -67,6 +67,8 @@ class Manifest:
     identities: Mapping[str, str] = field(default_factory=dict)
     data_quality: Mapping[str, Mapping[str, float | None]] = field(default_factory=dict)
     events: tuple[Event, ...] = ()
+    message: str = ""
+    notes: tuple[str, ...] = ()
 
     @classmethod
     def from_mapping(cls, raw: Mapping[str, Any], run_id: str) -> Manifest:
@@ -79,7 +81,7 @@ class Manifest:
             bench=_source(raw.get("bench")),
             virtual=_flag(_mapping(raw.get("bench")).get("virtual")),
             seed=_whole(raw.get("seed")),
-            overrides=tuple(_text(item) for item in raw["overrides"]) if isinstance(raw.get("overrides"), list) else (),
+            overrides=_lines(raw.get("overrides")),
             started_utc=_text(raw.get("started_utc")),
             ended_utc=_text(raw.get("ended_utc")),
             host=_host(raw.get("host")),
@@ -94,6 +96,8 @@ class Manifest:
             identities=_texts(raw.get("identities")),
             data_quality={str(dut): _numbers(item) for dut, item in _mapping(raw.get("data_quality")).items()},
             events=tuple(_event(item) for item in _mappings(raw.get("events"))),
+            message=_text(raw.get("message")).strip(),
+            notes=tuple(dict.fromkeys(note for note in _lines(raw.get("notes")) if note)),
         )
 
 
@@ -111,6 +115,10 @@ def _text(value: Any) -> str:
 
 def _texts(value: Any) -> dict[str, str]:
     return {str(key): _text(item) for key, item in _mapping(value).items()}
+
+
+def _lines(value: Any) -> tuple[str, ...]:
+    return tuple(map(_text, value)) if isinstance(value, list) else ()
 
 
 def _number(value: Any) -> float | None:

@@ -14,23 +14,19 @@ from bench.report import (
     figures_grid,
     figures_residuals,
     published,
+    remarks,
     tables,
+    tables_quality,
     tables_reference,
     wording,
 )
-from bench.report.data import DutData, ModelLoader, ReportData, read_run
+from bench.report.data import DutData, ReportData, read_run
 from bench.report.formats import count as counted
-from bench.report.formats import duration, listed, ratio, significant
+from bench.report.formats import duration, listed, ratio
+from bench.report.residuals import ModelLoader
 from bench.runfolder import write_atomic
 
 REPORT_NAME = "report.html"
-OUTCOME_WORDS = {
-    "PASS": "finished, every limit kept",
-    "FAIL": "finished, a limit was not kept",
-    "ERROR": "the bench failed",
-    "ABORTED": "interrupted",
-    "UNKNOWN": "no outcome recorded",
-}
 
 
 @dataclass(frozen=True)
@@ -41,7 +37,7 @@ class DutPictures:
     surfaces: tuple[figures.Figure, ...]
     residuals: tuple[figures.Figure, ...]
     grid: tuple[figures.Figure, ...]
-    finer: str
+    z_scales: str
 
 
 def write_report(run_dir: Path, load_model: ModelLoader | None = None) -> Path:
@@ -74,7 +70,7 @@ def render(data: ReportData) -> str:
     return environment.get_template("report.html.j2").render(
         run=data,
         manifest=data.manifest,
-        outcome_words=OUTCOME_WORDS[data.manifest.outcome],
+        remarks=remarks,
         speed=ratio(data.manifest.duration_s, data.manifest.wall_s),
         started=tables_reference.started_words(data.manifest.started_utc),
         headlines=[line for line in map(tables.headline, data.duts) if line],
@@ -83,6 +79,7 @@ def render(data: ReportData) -> str:
         scores=[drawn.scores for drawn in pictures if drawn.scores],
         score_words=listed([f"DUT {dut.name}" for dut, drawn in zip(data.duts, pictures, strict=True) if drawn.scores]),
         tables=tables,
+        quality=tables_quality,
         reference=tables_reference,
         published=published,
         terms=wording.TERMS,
@@ -109,7 +106,9 @@ def _pictures(dut: DutData, number: int) -> DutPictures:
         grid=tuple(
             _drawn([figures_grid.residual_map(dut, f"map{number}"), figures_grid.verdict_map(dut, f"verdict{number}")])
         ),
-        finer=_finer(dut),
+        z_scales=remarks.z_scales(
+            *(figures_errors.surface_bound_dps(dut, column) for column in ("error_dps", "residual_dps"))
+        ),
     )
 
 
@@ -122,14 +121,3 @@ def _surfaces(dut: DutData, number: int) -> list[figures.Figure | None]:
 
 def _drawn(found: list[figures.Figure | None]) -> Iterator[figures.Figure]:
     return (figure for figure in found if figure is not None)
-
-
-def _finer(dut: DutData) -> str:
-    """Words that state the z scales of the two surfaces."""
-    before, after = (figures_errors.surface_bound_dps(dut, column) for column in ("error_dps", "residual_dps"))
-    if before is None or after is None:
-        return ""
-    return (
-        f"Largest magnitude {significant(before)} °/s before and {significant(after)} °/s after: the right z axis is "
-        f"{ratio(before, after)} times finer than the left one."
-    )

@@ -1,19 +1,25 @@
-"""The report's tables about the run itself: results, limits, data quality, points to look at."""
+"""The report's tables of results: what was reached per model, and the limits; and what a table is."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
-import numpy as np
 import pandas as pd
 
-from bench.report.data import HEADLINE_SPLIT, HELD_BACK_SPLIT, UNCOMPENSATED, DutData, ReportData
+from bench.report.data import HELD_BACK_SPLIT, UNCOMPENSATED, DutData, ReportData
 from bench.report.formats import MISSING, count, decimals_missing, fixed, ratio, setpoint, significant, unbroken
 from bench.report.manifest import LimitCheck, Manifest
+from bench.report.remarks import remainder
+from bench.report.residuals import HEADLINE_SPLIT
 from bench.report.wording import model_name, quantity_name, split_name
 
-WORST_POINTS_SHOWN = 40
+POINTS_SHOWN = 40
+# Split -> its heading, and what its points are.
+JUDGED_ON = {
+    HEADLINE_SPLIT: ("Leave temperatures out, °/s", "each predicted by a model that never saw its dwell"),
+    HELD_BACK_SPLIT: ("Random split, °/s", "held back at random"),
+}
 
 
 @dataclass(frozen=True)
@@ -61,7 +67,7 @@ def table(
 
 @dataclass(frozen=True)
 class Headline:
-    """The result of one DUT in one line: before and after, and the floor nothing can go below."""
+    """The result of one DUT: before and after, and in words what the error that is left is made of."""
 
     dut: str
     model: str
@@ -71,8 +77,7 @@ class Headline:
     times_smaller: str
     max_before: str
     max_after: str
-    floor: str
-    floors_above: str
+    remainder: str
 
 
 def headline(dut: DutData) -> Headline | None:
@@ -95,40 +100,58 @@ def headline(dut: DutData) -> Headline | None:
         times_smaller=ratio(before, after),
         max_before=significant(dut.figure(UNCOMPENSATED, split, "max_abs_dps")),
         max_after=significant(dut.figure(dut.model, split, "max_abs_dps")),
-        floor=significant(dut.floor_dps, 2),
-        floors_above=ratio(after, dut.floor_dps),
+        remainder=remainder(dut, split, after),
     )
 
 
 def results(dut: DutData) -> Table:
-    """Largest error and std per model: headline split, random split beside it, noise floor below."""
-    columns = [
-        Column("Model", numeric=False),
-        *(Column(label) for label in ("max", "std") * 2),
-        Column("std smaller by a factor"),
-    ]
-    before = dut.figure(UNCOMPENSATED, HEADLINE_SPLIT, "std_dps")
-    rows: list[list[str | Cell]] = []
-    for model in dut.metrics:
-        kind = "strong" if model == dut.model else ""
-        figures = [
-            Cell(significant(dut.figure(model, split, quantity)), kind=kind)
-            for split in (HEADLINE_SPLIT, HELD_BACK_SPLIT)
-            for quantity in ("max_abs_dps", "std_dps")
-        ]
-        after = dut.figure(model, HEADLINE_SPLIT, "std_dps")
-        times = MISSING if model == UNCOMPENSATED else ratio(before, after)
-        rows.append([Cell(model_name(model), kind=kind), *figures, Cell(times, kind=kind)])
+    """Largest error and std per model, on the splits that were judged; noise floor below."""
+    splits = [split for split in JUDGED_ON if dut.figure(UNCOMPENSATED, split, "n")] or [HEADLINE_SPLIT]
+    rows = [_result(dut, model, splits) for model in dut.metrics]
     floor = significant(dut.floor_dps, 2)
-    rows.append([Cell("noise floor", kind="floor"), MISSING, floor, MISSING, floor, MISSING])
-    sizes = [dut.figure(UNCOMPENSATED, split, "n") for split in (HEADLINE_SPLIT, HELD_BACK_SPLIT)]
+    rows.append([Cell("noise floor", kind="floor"), *[MISSING, floor] * len(splits), MISSING])
+    judged = [f"{count(dut.figure(UNCOMPENSATED, split, 'n'))} points {JUDGED_ON[split][1]}" for split in splits]
+    sides = " (left) and on ".join(judged) + (" (right)" if len(splits) > 1 else "")
     caption = (
-        f"DUT {dut.name}: error in °/s per model, on {count(sizes[0])} points each predicted by a model that never saw "
-        f"its dwell (left) and on {count(sizes[1])} points held back at random (right). Max is the largest magnitude. "
+        f"DUT {dut.name}: error in °/s per model, on {sides}. Max is the largest magnitude. "
         f"Shown in the figures: {model_name(dut.model or UNCOMPENSATED)} ({dut.chosen_by})."
     )
-    groups = (("", 1), ("Leave temperatures out, °/s", 2), ("Random split, °/s", 2), ("", 1))
-    return table(caption, columns, rows, groups)
+    labels = ["max", "std"] * len(splits) + ["std smaller by a factor"]
+    columns = [Column("Model", numeric=False), *map(Column, labels)]
+    return table(caption, columns, rows, [("", 1), *((JUDGED_ON[split][0], 2) for split in splits), ("", 1)])
+
+
+def _result(dut: DutData, model: str, splits: Sequence[str]) -> list[str | Cell]:
+    """A model's figures; the factor is of the first split."""
+    kind = "strong" if model == dut.model else ""
+    figures = [significant(dut.figure(model, split, name)) for split in splits for name in ("max_abs_dps", "std_dps")]
+    before, after = (dut.figure(name, splits[0], "std_dps") for name in (UNCOMPENSATED, model))
+    times = MISSING if model == UNCOMPENSATED else ratio(before, after)
+    return [Cell(text, kind=kind) for text in (model_name(model), *figures, times)]
+
+
+def as_measured(data: ReportData) -> Table | None:
+    """The points of a run without a model: output, reference and error of each; None without points."""
+    points = pd.concat([dut.points for dut in data.duts]) if data.duts else pd.DataFrame()
+    if points.empty:
+        return None
+    named = ("Point", "DUT", "DUT temperature, °C", "rate setpoint", "mean output", "error", "standard uncertainty")
+    columns = [Column(label, numeric=label != "DUT") for label in named]
+    shown = points.sort_values(["point", "dut"], kind="stable").head(POINTS_SHOWN)
+    rows: list[list[str | Cell]] = [
+        [
+            count(row["point"]),
+            Cell(str(row["dut"]), kind="nowrap"),
+            fixed(row["dut_temperature_degc"], 2),
+            setpoint(row["rate_setpoint_dps"]),
+            fixed(row["rate_mean_dps"], 5),
+            fixed(row["error_dps"], 5),
+            significant(row["rate_mean_u_dps"], 2),
+        ]
+        for row in shown.to_dict("records")
+    ]
+    more = f" The first {POINTS_SHOWN} of {count(len(points))}; points.csv has all." if len(points) > len(rows) else ""
+    return table(f"Points as measured, rates in °/s. Error is mean output minus reference rate.{more}", columns, rows)
 
 
 def limits(manifest: Manifest) -> Table | None:
@@ -157,99 +180,3 @@ def _judgement(check: LimitCheck) -> Cell:
         return Cell("passed", kind="good")
     unknown = not check.measured or any(value is None for value in check.measured.values())
     return Cell("not measured" if unknown else "failed", kind="bad")
-
-
-def quality(data: ReportData) -> Table:
-    """One column per DUT: what arrived, what was lost, and how good the points are."""
-    lines: list[tuple[str, Callable[[DutData], str]]] = [
-        ("frames received", lambda dut: _stream(data, dut, "frames", "frames")),
-        ("frames lost (sequence gaps)", lambda dut: _stream(data, dut, "lost", "frames_lost")),
-        ("duplicate frames", lambda dut: _stream(data, dut, "duplicates", "duplicates")),
-        ("bad checksums", lambda dut: _stream(data, dut, "bad_checksum", "bad_checksum")),
-        ("frames with bad status", lambda dut: _stream(data, dut, "bad_status", None)),
-        ("resynchronisations", lambda dut: _stream(data, dut, "resyncs", None)),
-        ("bytes skipped by them", lambda dut: _stream(data, dut, "skipped_bytes", None)),
-        ("frames lost inside points", lambda dut: count(float(dut.points["frames_lost"].sum()))),
-        ("outliers taken out", lambda dut: count(float(dut.points["outliers"].sum()))),
-        *((f"points with verdict {word}", _counter(word)) for word in ("pass", "marginal", "fail")),
-        ("largest standard uncertainty, °/s", lambda dut: significant(_largest(dut.points["rate_mean_u_dps"]), 2)),
-        ("steepest temperature slope, °C/min", lambda dut: significant(_largest(dut.points[SLOPE]), 2)),
-        ("largest |chamber readback − setpoint|, °C", lambda dut: fixed(_chamber_offset(dut.points), 2)),
-        ("largest |table readback − setpoint|, °/s", lambda dut: significant(_table_offset(dut.points), 2)),
-    ]
-    columns = [Column("Quantity", numeric=False), *(Column(unbroken(dut.name)) for dut in data.duts)]
-    caption = (
-        "Data quality per DUT. Stream counts are of the whole run as the decoder saw it; the last four lines are the "
-        "worst value over all points."
-    )
-    return _plain_numbers(caption, columns, [[label, *(of(dut) for dut in data.duts)] for label, of in lines])
-
-
-SLOPE = "dut_temperature_slope_degc_min"
-
-
-def _plain_numbers(caption: str, columns: Sequence[Column], rows: Iterable[Sequence[str | Cell]]) -> Table:
-    """A table whose columns mix quantities: right-aligned, but without a common decimal point."""
-    return Table(
-        caption,
-        tuple(columns),
-        tuple(tuple(item if isinstance(item, Cell) else Cell(item) for item in row) for row in rows),
-    )
-
-
-def _stream(data: ReportData, dut: DutData, key: str, column: str | None) -> str:
-    """The stream's own count over the whole run, or the sum over the points where the manifest has none."""
-    counts = data.manifest.data_quality.get(dut.name, {})
-    if counts.get(key) is not None:
-        return count(counts[key])
-    return MISSING if column is None or dut.points[column].isna().all() else count(float(dut.points[column].sum()))
-
-
-def _counter(verdict: str) -> Callable[[DutData], str]:
-    return lambda dut: count(int((dut.points["verdict"] == verdict).sum()))
-
-
-def _largest(values: pd.Series[float]) -> float | None:
-    known = np.abs(values.to_numpy(dtype=float))
-    known = known[np.isfinite(known)]
-    return float(known.max()) if known.size else None
-
-
-def _chamber_offset(points: pd.DataFrame) -> float | None:
-    return _largest(points["chamber_readback_degc"] - points["chamber_setpoint_degc"])
-
-
-def _table_offset(points: pd.DataFrame) -> float | None:
-    return _largest(points["rate_readback_dps"] - points["rate_setpoint_dps"])
-
-
-def points_to_look_at(data: ReportData) -> Table | None:
-    """Points with a verdict other than 'pass', failed ones first, at most WORST_POINTS_SHOWN; None if all passed."""
-    found = [dut.points[dut.points["verdict"] != "pass"] for dut in data.duts]
-    points = pd.concat(found) if found else pd.DataFrame()
-    if points.empty:
-        return None
-    points = points.assign(passed=points["verdict"] != "fail").sort_values(["passed", "point", "dut"], kind="stable")
-    columns = [
-        Column("Point"),
-        Column("DUT", numeric=False),
-        Column("chamber setpoint, °C"),
-        Column("rate setpoint, °/s"),
-    ]
-    columns += [Column("Verdict", numeric=False), Column("Reasons", numeric=False)]
-    rows: list[list[str | Cell]] = [
-        [
-            count(row["point"]),
-            Cell(str(row["dut"]), kind="nowrap"),
-            setpoint(row["chamber_setpoint_degc"]),
-            setpoint(row["rate_setpoint_dps"]),
-            Cell(str(row["verdict"]) or "none given", kind="bad" if row["verdict"] == "fail" else ""),
-            str(row["reasons"]),
-        ]
-        for row in points.head(WORST_POINTS_SHOWN).to_dict("records")
-    ]
-    more = (
-        f" The first {WORST_POINTS_SHOWN} are listed; points.csv has all." if len(points) > WORST_POINTS_SHOWN else ""
-    )
-    caption = f"The {count(len(points))} points whose verdict is not pass, failed ones first.{more}"
-    return table(caption, columns, rows)

@@ -24,7 +24,10 @@ COLUMNS = (
         "what the chamber was asked for, and what its own sensor said, °C",
     ),
     ("dut_temperature_degc", "mean of the DUT's own temperature sensor over the acquisition, °C"),
-    ("dut_temperature_slope_degc_min", "slope of that temperature during the acquisition, °C/min"),
+    (
+        "dut_temperature_slope_degc_min, dut_temperature_slope_u_degc_min",
+        "slope of that temperature during the acquisition, and its standard uncertainty, °C/min",
+    ),
     ("rate_setpoint_dps, rate_readback_dps", "what the table was asked for, and what it said, °/s"),
     (
         "rate_reference_dps",
@@ -49,7 +52,13 @@ TERMS = (
     ("std", "the standard deviation of the error over the judged points (spread of points, not noise of samples)."),
     (
         "noise floor",
-        "root mean square of the standard uncertainties of the judged points: what noise alone would leave.",
+        "root mean square of the standard uncertainties of the judged points: what the noise of their samples alone "
+        "would leave. Repeatability between dwells is not in it.",
+    ),
+    (
+        "repeatability between dwells",
+        "how far the output at the same temperature and rate differs from one dwell to another. It shows only if a "
+        "temperature is visited more than once.",
     ),
     (
         "leave temperatures out",

@@ -5,8 +5,9 @@ from typing import Any
 
 import yaml
 
+from bench.conclude import RunEnd
 from bench.overrides import parse_overrides
-from bench.run import RunEnd, RunRequest, prepare, run
+from bench.run import RunRequest, prepare, run
 
 ROOT = Path(__file__).resolve().parents[2]
 VIRTUAL = ROOT / "benches" / "virtual.yaml"

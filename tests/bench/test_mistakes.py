@@ -117,9 +117,12 @@ def test_a_serial_number_that_is_no_name() -> None:
         ("limits: {rate: -5 deg/s}", "'rate': must be above 0 deg/s, not '-5 deg/s'."),
         ("analysis: {models: []}", "'models': must not be empty."),
         (
-            "analysis: {models: [x], inputs: [speed]}",
-            "'inputs': 'speed' is not allowed. Allowed: dut_temperature, rate.",
+            "analysis: {models: [x], inputs: [speed, rate]}",
+            "'inputs': 'speed' is not allowed. Allowed: chamber_temperature, dut_temperature, rate.",
         ),
+        ("analysis: {models: [x], inputs: [rate]}", "'inputs': has fewer than 2 items."),
+        ("analysis: {models: [x], inputs: [rate, rate, rate]}", "'inputs': has more than 2 items."),
+        ("analysis: {models: [x], inputs: [rate, dut_temperature]}", "'inputs' are a temperature and the rate"),
         (
             "analysis: {models: [x], splits: {leave_temperatures_out: {folds: 1}}}",
             "'folds': must be at least 2, not 1.",

@@ -1,6 +1,7 @@
 """Frames to samples to a point, against slow loops, numpy's own fits, and the noise they are meant for."""
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -224,15 +225,33 @@ class TestSlope:
 
 class TestSlopeUncertainty:
     @given(st.integers(0, 2**32), st.integers(3, 200))
-    def test_it_is_the_standard_error_of_linear_regression(self, seed: int, n: int) -> None:
+    def test_it_is_the_standard_error_of_linear_regression_widened_by_the_correlation(self, seed: int, n: int) -> None:
         rng = np.random.default_rng(seed)
         times = np.cumsum(rng.uniform(0.01, 1.0, n)) + 100.0
         values = 0.1 * times + rng.normal(size=n)
-        assert slope_uncertainty(times, values) == pytest.approx(linregress(times, values).stderr, rel=1e-6)
+        line = linregress(times, values)
+        residual = values - line.intercept - line.slope * times
+        lag_one = sum(a * b for a, b in pairwise(residual)) / sum(a * a for a in residual)
+        r = min(max(lag_one, 0.0), 0.99)
+        expected = line.stderr * math.sqrt((1 + r) / (1 - r))
+        assert slope_uncertainty(times, values) == pytest.approx(expected, rel=1e-6)
+
+    @pytest.mark.parametrize("held", [1, 5, 20])
+    def test_it_is_the_scatter_of_slopes_even_of_a_sensor_that_holds_its_readings(self, held: int) -> None:
+        """500 records of 400 samples: the slopes scatter no more than u says, and not much less."""
+        rng = np.random.default_rng(held)
+        times = np.arange(400.0)
+        records = np.repeat(rng.normal(size=(500, 400 // held)), held, axis=1)
+        scatter = float(np.std([slope(times, row) for row in records]))
+        claimed = float(np.mean([slope_uncertainty(times, row) for row in records]))
+        assert 0.9 < claimed / scatter < 1.7
 
     def test_of_less_than_three_instants_nothing_is_known(self) -> None:
         assert slope_uncertainty(np.array([1.0, 2.0]), np.array([1.0, 5.0])) == math.inf
         assert slope_uncertainty(np.ones(5), np.arange(5.0)) == math.inf
+
+    def test_of_a_reading_that_never_moves_all_is_known(self) -> None:
+        assert slope_uncertainty(np.arange(5.0), np.full(5, 25.0)) == 0.0
 
 
 class TestPoint:

@@ -5,8 +5,9 @@ from pathlib import Path
 
 import pytest
 
+from bench.conclude import RunEnd
 from bench.errors import BenchFailure
-from bench.run import RunEnd, RunRequest, prepare, run
+from bench.run import RunRequest, prepare, run
 from simulated_hw.world import GYRO_CLASSES, InstrumentSpec, WorldSpec
 from tests.bench.campaigns import write
 from tests.live_bench import LiveBench

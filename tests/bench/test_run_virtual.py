@@ -17,11 +17,11 @@ import pyarrow.parquet as pq
 import pytest
 
 from bench import rawstore
+from bench.conclude import RunEnd
 from bench.errors import BenchFailure, ExitCode, UserMistake
 from bench.journal import read_journal
 from bench.reduction import point_statistics, to_samples
 from bench.report.render import write_report
-from bench.run import RunEnd
 from tests.bench.campaigns import GRID, ROOT, VIRTUAL, run_campaign, virtual_bench, write
 
 RATES = [-150.0, -100.0, -50.0, 0.0, 50.0, 100.0, 150.0]
@@ -232,7 +232,7 @@ def process(tmp_path: Path) -> Iterator[subprocess.Popen[str]]:
         running.kill()
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_ctrl_c_ends_safe_with_the_points_kept(
     tmp_path: Path, process: subprocess.Popen[str], number: signal.Signals
 ) -> None:

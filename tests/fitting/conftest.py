@@ -1,11 +1,13 @@
 """Reference data: error surface A of the fitting notes, section 1, written out again here as an independent oracle."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+
+from fitting.blas import one_thread
 
 
 @dataclass(frozen=True)
@@ -48,3 +50,10 @@ def make_campaign(seed: int, *, noise: float = 2.8e-4, dwell_errors: bool = Fals
 def campaign() -> Callable[..., Campaign]:
     """Makes reference campaigns."""
     return make_campaign
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _one_blas_thread() -> Iterator[None]:
+    """The pure functions leave the threads to their caller; the estimators limit them by themselves."""
+    with one_thread():
+        yield

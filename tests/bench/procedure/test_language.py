@@ -161,7 +161,9 @@ def test_a_temperature_sweep_takes_its_ramp_band_and_timeout() -> None:
         ({"models": ["x"], "splits": {"random": {}}}, "either 'train' (rows) or 'share'"),
         ({"models": ["x"], "splits": {"random": {"train": 5, "share": 0.5}}}, "either 'train' (rows) or 'share'"),
         ({"models": ["x"], "splits": {"random": {"share": 1.0}}}, "less than 1"),
-        ({"models": ["x"], "inputs": []}, "at least 1"),
+        ({"models": ["x"], "inputs": []}, "at least 2"),
+        ({"models": ["x"], "inputs": ["rate", "dut_temperature"]}, "a temperature and the rate"),
+        ({"models": ["x"], "inputs": ["rate", "rate"]}, "a temperature and the rate"),
     ],
 )
 def test_analyses_that_cannot_be_meant(analysis: dict[str, Any], words: str) -> None:

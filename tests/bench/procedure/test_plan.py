@@ -64,7 +64,11 @@ def test_a_step_that_does_not_end_on_the_end_is_refused(start: Decimal, step: De
     end = last + step * part / 100
     with pytest.raises(ValueError, match="do not end on") as caught:
         rates(str(start), str(end), str(step))
-    assert f"they reach {float(last):g}, then {float(last + step):g}." in str(caught.value)
+    message = str(caught.value)
+    assert f"they reach {float(last):.9g}, then {float(last + step):.9g}." in message
+    # The advice is good.
+    advised = message.rpartition("to: ")[2].removesuffix(" deg/s")
+    assert rates(str(start), advised, str(step))[-1] == float(last)
 
 
 @pytest.mark.parametrize(

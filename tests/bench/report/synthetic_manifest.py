@@ -11,6 +11,12 @@ import numpy as np
 import pandas as pd
 
 EXIT_CODES = {"PASS": 0, "FAIL": 1, "ERROR": 3, "ABORTED": 130}
+MESSAGES = {
+    "PASS": "all limits met",
+    "FAIL": "3 of 24 points failed their quality limits",
+    "ERROR": "chamber at sim://chamber: no reply to 'TEMP?' within 1.0 s (3 tries)",
+    "ABORTED": "interrupted; the bench was brought to its safe state",
+}
 LIMITS = (("ts_joint", "leave_temperatures_out", "std_dps", 0.5), ("ts_joint", "random", "max_abs_dps", 0.25))
 Metrics = Mapping[str, Mapping[str, Mapping[str, Mapping[str, float]]]]
 
@@ -53,6 +59,8 @@ def manifest_of(
             {"t_s": 0.0, "kind": "note", "text": "bench identified"},
             {"t_s": duration_s, "kind": "safe", "text": "table at rest, chamber at 25 degC, both read back"},
         ],
+        "message": MESSAGES[outcome],
+        "notes": [],
     }
 
 

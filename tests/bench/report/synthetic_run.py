@@ -73,15 +73,18 @@ def write_synthetic_run(
     """Write a run folder and return it.
 
     `stop_after` ends the run after that many points of each DUT; `without` leaves parts out ('models', 'metrics',
-    'timeline', 'manifest', 'points').
+    'residuals', 'timeline', 'manifest', 'points').
     """
     folder.mkdir(parents=True, exist_ok=True)
     rng = np.random.default_rng(seed)
     schedule = _schedule(temperatures_degc, rates_dps)
     planned, schedule = len(schedule), schedule[:stop_after]
     points = _points(schedule, duts, rng)
-    parts = [part for part in ("models", "metrics") if part not in without]
-    metrics = {dut: _fit(folder, dut, points[points["dut"] == dut], rng, parts) for dut in duts} if len(points) else {}
+    saved = "models" not in without
+    fits = {dut: _fit(folder, dut, points[points["dut"] == dut], rng, saved) for dut in duts} if len(points) else {}
+    metrics = {dut: figures for dut, (figures, _) in fits.items()}
+    if fits and "residuals" not in without:
+        pd.concat([errors for _, errors in fits.values()]).to_parquet(folder / "residuals.parquet", index=False)
     if "points" not in without:
         points.to_csv(folder / "points.csv", index=False, float_format="%.9g")
     if "timeline" not in without:
@@ -152,6 +155,7 @@ def _points_of(
             "chamber_readback_degc": setpoint + rng.normal(0, 0.03, n),
             "dut_temperature_degc": true_degc + sensor,
             "dut_temperature_slope_degc_min": rng.normal(0, 0.001, n),
+            "dut_temperature_slope_u_degc_min": 0.0004,
             "rate_setpoint_dps": rate,
             "rate_readback_dps": rate + rng.normal(0, 2e-4, n),
             "rate_reference_dps": reference,
@@ -175,9 +179,9 @@ def _points_of(
 
 
 def _fit(
-    folder: Path, dut: str, points: pd.DataFrame, rng: np.random.Generator, parts: Sequence[str]
-) -> dict[str, dict[str, dict[str, float]]]:
-    """Fit the polynomials, save them, and judge them on the splits the real evaluation uses."""
+    folder: Path, dut: str, points: pd.DataFrame, rng: np.random.Generator, saved: bool
+) -> tuple[dict[str, dict[str, dict[str, float]]], pd.DataFrame]:
+    """Fit the polynomials, save them, and judge them on the splits the real evaluation uses; metrics and errors."""
     t, r, y, u = (
         points[name].to_numpy()
         for name in ("dut_temperature_degc", "rate_mean_dps", "rate_reference_dps", "rate_mean_u_dps")
@@ -185,6 +189,7 @@ def _fit(
     train = rng.permutation(len(y)) < round(0.69 * len(y))
     fold = np.unique(points["chamber_setpoint_degc"], return_inverse=True)[1] % 6
     metrics: dict[str, dict[str, dict[str, float]]] = {}
+    errors: list[pd.DataFrame] = []
     for model, degree in {"none": 0, **DEGREES}.items():
         held_out = np.zeros(len(y))
         for k in np.unique(fold):
@@ -193,12 +198,15 @@ def _fit(
         judged = {"random_train": (error, train), "random": (error, ~train)}
         judged["leave_temperatures_out"] = (held_out, np.ones(len(y), dtype=bool))
         metrics[model] = {split: _figures(e[rows], u[rows]) for split, (e, rows) in judged.items() if rows.any()}
-        if model != "none" and "models" in parts:
+        for split, (e, rows) in judged.items():
+            columns = {"model": model, "split": split, "predicted_dps": (y + e)[rows], "residual_dps": e[rows]}
+            errors.append(pd.DataFrame({**columns, "point": points["point"].to_numpy()[rows], "dut": dut}))
+        if model != "none" and saved:
             fitted = Polynomial.fitted(degree, t, r, y)
             path = folder / "models" / dut / f"{model}.json"
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_text(json.dumps({"degree": degree, "coefficients": list(fitted.coefficients)}))
-    return metrics
+    return metrics, pd.concat(errors)
 
 
 def _error(degree: int, t: Floats, r: Floats, y: Floats, train: NDArray[np.bool_]) -> Floats:

@@ -23,13 +23,64 @@ def test_error_is_surface_a_before_compensation(small: ReportData) -> None:
     np.testing.assert_allclose(points["error_dps"], expected, atol=0.12)  # dwell errors and temperature scatter
 
 
-def test_residual_is_prediction_minus_reference(small_run: Path, small: ReportData) -> None:
-    dut = small.duts[1]
-    table = pd.read_csv(small_run / "points.csv")
-    table = table[table["dut"] == dut.name]
-    model = load_polynomial(small_run / "models" / dut.name / f"{dut.model}.json")
-    predicted = model.predict(table["dut_temperature_degc"].to_numpy(), table["rate_mean_dps"].to_numpy())
-    np.testing.assert_array_equal(dut.points["residual_dps"], predicted - table["rate_reference_dps"].to_numpy())
+def test_residuals_are_the_held_out_errors(small: ReportData) -> None:
+    for dut in small.duts:
+        assert dut.held_out
+        std = dut.figure(dut.model or "", "leave_temperatures_out", "std_dps")
+        assert float(np.std(dut.points["residual_dps"])) == pytest.approx(std, rel=1e-9)
+
+
+def test_without_held_out_errors_the_saved_model_is_used(copy: Path) -> None:
+    (copy / "residuals.parquet").unlink()
+    data = read_run(copy, load_polynomial)
+    for dut in data.duts:
+        assert not dut.held_out
+        std = dut.figure(dut.model or "", "leave_temperatures_out", "std_dps")
+        assert std is not None
+        assert float(np.std(dut.points["residual_dps"])) < std
+    assert not data.notes
+
+
+def test_a_temperature_visited_twice_is_seen(copy: Path, small: ReportData) -> None:
+    assert not small.duts[0].revisited
+    table = pd.read_csv(copy / "points.csv")
+    table["chamber_setpoint_degc"] = table["chamber_setpoint_degc"].replace(30.0, -30.0)
+    table.to_csv(copy / "points.csv", index=False)
+    assert read_run(copy, load_polynomial).duts[0].revisited
+
+
+def test_notes_of_the_manifest_come_first_and_once(copy: Path) -> None:
+    manifest = json.loads((copy / "manifest.json").read_text())
+    manifest["notes"] = ["gyro-a: 1 dwell for 6 folds", "gyro-a: 1 dwell for 6 folds", "gyro-b: no fit: too few"]
+    (copy / "manifest.json").write_text(json.dumps(manifest))
+    (copy / "timeline.parquet").unlink()
+    notes = read_run(copy, load_polynomial).notes
+    assert notes[:2] == ("gyro-a: 1 dwell for 6 folds", "gyro-b: no fit: too few")
+    assert len(notes) == 3
+
+
+def test_a_run_without_analysis_has_one_note(tmp_path: Path) -> None:
+    left_out = ("models", "metrics", "residuals")
+    run = write_synthetic_run(tmp_path / "r", temperatures_degc=(20,), rates_dps=(-10, 0, 10), without=left_out)
+    data = read_run(run, load_polynomial)
+    assert data.notes == (
+        "No model was fitted in this run, so nothing is compensated: the points are shown as measured.",
+    )
+
+
+def test_a_dut_without_a_model_is_named(copy: Path) -> None:
+    metrics = json.loads((copy / "metrics.json").read_text())
+    (copy / "metrics.json").write_text(json.dumps({"gyro-a": metrics["gyro-a"]}))
+    shutil.rmtree(copy / "models/gyro-b")
+    assert read_run(copy, load_polynomial).notes == ("gyro-b: no model was fitted, so nothing is compensated.",)
+
+
+def test_notes_do_not_tell_where_the_run_folder_is(copy: Path) -> None:
+    for name in ("points.csv", "timeline.parquet", "residuals.parquet"):
+        (copy / name).write_bytes(b"PAR1 torn")
+    notes = " ".join(read_run(copy, load_polynomial).notes)
+    assert "residuals.parquet cannot be used" in notes
+    assert str(copy) not in notes
 
 
 def test_best_model_has_the_lowest_leave_temperatures_out_std(small_run: Path, small: ReportData) -> None:
@@ -95,6 +146,7 @@ def test_metrics_of_another_shape_choose_no_model(copy: Path, metrics: object) -
 
 
 def test_a_damaged_model_is_noted_and_leaves_no_residual(copy: Path) -> None:
+    (copy / "residuals.parquet").unlink()
     (copy / "models/gyro-a/ts_joint.json").write_text("{")
     for model in ("linear", "ts_published"):
         (copy / f"models/gyro-a/{model}.json").write_text("{")

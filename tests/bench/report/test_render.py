@@ -113,11 +113,19 @@ def test_it_says_what_matters(page: Page) -> None:
         "703 of 703",
         "158 h 45 min",
         "leave temperatures out",
+        "after T-S joint, each point predicted by a model that never saw its dwell (right)",
+        "These residuals are held-out errors",
+        "one visit per temperature this run cannot tell them apart",
         "Std is the standard deviation of the error over the judged points",
         "11.6008",
         "fogbench run procedures/temperature_rate_grid.yaml --bench benches/virtual.yaml --seed 1",
     ):
         assert words in page.text
+
+
+def test_a_run_that_passed_says_no_more_beside_its_badge(page: Page) -> None:
+    assert "all limits met" not in page.text
+    assert "Read this first" not in page.text
 
 
 def test_the_same_run_gives_the_same_bytes(tmp_path: Path) -> None:
@@ -141,24 +149,35 @@ def test_text_from_files_is_never_markup(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"outcome": "ABORTED", "stop_after": 9}, "The run ended early: 9 of 12 planned points"),
-        ({"outcome": "ERROR", "stop_after": 0, "without": ("models", "metrics")}, "no point was measured"),
-        ({"outcome": "ERROR", "stop_after": 2, "without": ("models", "metrics")}, "no model was fitted"),
-        ({"without": ("timeline",)}, "There is no timeline"),
-        ({"without": ("manifest",)}, "no outcome recorded"),
-        ({"without": ("models",)}, "cannot be used"),
-        ({"outcome": "FAIL", "virtual": False}, "Real bench."),
-        ({"rates_dps": (0,)}, "Too few neighbouring points"),
-        ({"temperatures_degc": (20,)}, "Too few neighbouring points"),
+        (
+            {"outcome": "ABORTED", "stop_after": 9},
+            ("The run ended early: 9 of 12 planned points", "interrupted; the bench was brought to its safe state"),
+        ),
+        (
+            {"outcome": "ERROR", "stop_after": 0, "without": ("models", "metrics", "residuals")},
+            ("no point was measured", "no reply to 'TEMP?' within 1.0 s"),
+        ),
+        (
+            {"outcome": "ERROR", "stop_after": 2, "without": ("models", "metrics", "residuals")},
+            ("No model was fitted", "Points as measured, rates in °/s.", "nothing to set beside the published figures"),
+        ),
+        ({"without": ("timeline",)}, ("There is no timeline",)),
+        ({"without": ("manifest",)}, ("no outcome recorded",)),
+        ({"without": ("models",)}, (".json is missing: its figures are shown", "These residuals are held-out errors")),
+        ({"without": ("models", "residuals")}, (".json cannot be used", "There is no compensated surface")),
+        ({"without": ("residuals",)}, ("These residuals are of the model fitted on all points, so they are smaller",)),
+        ({"outcome": "FAIL", "virtual": False}, ("Real bench.", "3 of 24 points failed their quality limits")),
+        ({"rates_dps": (0,)}, ("Too few neighbouring points",)),
+        ({"temperatures_degc": (20,)}, ("Too few neighbouring points", "It holds for this one dwell only")),
     ],
 )
 def test_a_run_that_lacks_something_still_gives_a_report(
-    tmp_path: Path, options: dict[str, object], words: str
+    tmp_path: Path, options: dict[str, object], words: tuple[str, ...]
 ) -> None:
     grid = {"duts": ("gyro-a",), "temperatures_degc": (-30, 0, 30), "rates_dps": (-180, -60, 60, 180)}
     run = write_synthetic_run(tmp_path / "r", **{**grid, **options})  # type: ignore[arg-type]
     page = report_of(run)
-    assert words in page.text
+    assert [text for text in words if text not in page.text] == []
     assert not page.open
 
 
