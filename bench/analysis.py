@@ -17,7 +17,7 @@ from bench.errors import UserMistake, did_you_mean
 from bench.points import usable, write_table
 from bench.procedure.language import Analysis
 from bench.runfolder import write_json
-from fitting.modelfile import save_model
+from fitting.modelfile import ModelFileError, save_model
 from fitting.splits import SplitPlan
 from fitting.validation import UNCOMPENSATED, Evaluation, evaluate
 
@@ -79,7 +79,8 @@ def analyse(
         metrics[dut] = metrics.get(dut, {}) | evaluation.metrics
         notes += [f"{dut}: {reason}" for reason in evaluation.unavailable.values()]
         residuals.append(_residuals(evaluation, table, dut))
-        _save_models(folder / "models" / dut, evaluation, {**meta, "dut": dut, "inputs": list(analysis.inputs)})
+        about = {**meta, "dut": dut, "inputs": list(analysis.inputs)}
+        notes += [f"{dut}: {failure}" for failure in _save_models(folder / "models" / dut, evaluation, about)]
     write_json(folder / "metrics.json", metrics)
     if residuals:
         write_table(folder / "residuals.parquet", pd.concat(residuals, ignore_index=True))
@@ -103,7 +104,8 @@ def _evaluate(table: pd.DataFrame, analysis: Analysis) -> Evaluation:
         table[[INPUT_COLUMNS[name] for name in analysis.inputs]].to_numpy(dtype=np.float64),
         table["rate_reference_dps"].to_numpy(dtype=np.float64),
         u=table["rate_mean_u_dps"].to_numpy(dtype=np.float64),
-        groups=table["dwell"].to_numpy(),
+        # A temperature that is visited twice is left out whole.
+        groups=pd.factorize(table["chamber_setpoint_degc"])[0],
         splits=SplitPlan(random.share, random.train, random.seed, held_out.folds),
         seed=analysis.seed,
         timer=stopwatch,
@@ -117,11 +119,17 @@ def _residuals(evaluation: Evaluation, table: pd.DataFrame, dut: str) -> pd.Data
     return residuals.drop(columns="row").assign(point=points, dut=dut)
 
 
-def _save_models(folder: Path, evaluation: Evaluation, meta: dict[str, Any]) -> None:
+def _save_models(folder: Path, evaluation: Evaluation, meta: dict[str, Any]) -> list[ModelFileError]:
+    """Save what was fitted; a model of a kind that has no file format is reported and costs the others nothing."""
     folder.mkdir(parents=True, exist_ok=True)
+    failures: list[ModelFileError] = []
     for name, estimator in evaluation.fitted.items():
         figures = {split: dict(values) for split, values in evaluation.metrics[name].items()}
-        save_model(folder / f"{name}.json", cast(Any, estimator), {**meta, "model": name}, figures)
+        try:
+            save_model(folder / f"{name}.json", cast(Any, estimator), {**meta, "model": name}, figures)
+        except ModelFileError as error:
+            failures.append(error)
+    return failures
 
 
 def judge_limits(analysis: Analysis, metrics: dict[str, Any], duts: Sequence[str]) -> list[Judged]:

@@ -144,7 +144,9 @@ class ThreadedCanSource:
         """Everything since the last call, as in `CanSource.take`. Raises PortError."""
         with self._lock:
             if self._failure is not None:
-                why = f"went away while reading: {self._failure}. Check adapter, termination and power, then start again"
+                why = (
+                    f"went away while reading: {self._failure}. Check adapter, termination and power, then start again"
+                )
                 raise PortError(self.name, why) from self._failure
             if self._overflowed:
                 why = f"more than {self._limit // _RECORD.size} messages came in and nobody took them. Take more often"
