@@ -193,6 +193,10 @@ def _gyro(bench: Bench, serial: str, given: bool, problems: list[Problem]) -> Gy
     values = validate(model_of(GyroParameters), document, path, problems)
     if values is None:
         return None
+    if "data_rate_hz" in values.model_fields_set:
+        message = f"the data rate of {serial} is that of its settings: set it there, under duts, and leave it out here."
+        problems.append(Problem(document.mark((*path, "data_rate")), message))
+        return None
     try:
         return _changed(gyro_class(name), values)
     except ValueError as error:

@@ -266,7 +266,8 @@ def _timeline(path: Path, notes: list[str]) -> pd.DataFrame | None:
     else:
         known = timeline[timeline["t_s"].notna()] if "t_s" in timeline else timeline.iloc[:0]
         if len(known) > 1:
-            return known.sort_values("t_s", kind="stable").reset_index(drop=True)
+            ordered: pd.DataFrame = known.sort_values("t_s", kind="stable").reset_index(drop=True)
+            return ordered
         notes.append("timeline.parquet holds no time series: the timeline is not shown.")
     return None
 

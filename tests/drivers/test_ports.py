@@ -86,7 +86,7 @@ def test_a_port_that_goes_away_is_an_error_on_the_next_take(pty):
     pty.hang_up()
     source._thread.join(5)
     for _ in range(2):
-        with pytest.raises(PortError, match=r"went away while reading.*resume the run"):
+        with pytest.raises(PortError, match=r"went away while reading.*start again"):
             source.take()
     source.close()
 

@@ -39,6 +39,34 @@ def test_timeline_shows_every_signal(small: ReportData) -> None:
         assert f">{words}</text>" in figure.svg
 
 
+def test_setpoint_is_drawn_over_a_wider_readback(small: ReportData) -> None:
+    with figures.style():
+        figure = figures_campaign.timeline(small)
+    assert figure is not None
+    lines = figure.svg.split("<path ")
+    readback = next(n for n, line in enumerate(lines) if f"stroke: {figures.SETPOINT}; stroke-width: 3" in line)
+    dashed = next(n for n, line in enumerate(lines) if "dasharray" in line and f"stroke: {figures.INK}" in line)
+    assert readback < dashed
+    assert "chamber readback, its setpoint (dashed) over it, and the DUTs' own" in figure.caption
+
+
+def test_each_of_a_few_readbacks_is_marked_and_no_staircase_is_told(small: ReportData) -> None:
+    assert small.timeline is not None
+    few = small.timeline.iloc[:9].drop(columns="chamber_setpoint_degc")
+    one = tuple(dataclasses.replace(dut, points=dut.points.iloc[:7]) for dut in small.duts)
+    with figures.style():
+        sparse = figures_campaign.timeline(dataclasses.replace(small, timeline=few, duts=one))
+        dense = figures_campaign.timeline(small)
+    assert sparse is not None
+    assert dense is not None
+    marks = [figure.svg.count(f'style="fill: {figures.INK}; stroke: {figures.INK}"') for figure in (sparse, dense)]
+    assert marks[0] >= 9
+    assert marks[1] == 0
+    assert "staircase" in dense.caption
+    assert "staircase" not in sparse.caption
+    assert "setpoint" not in sparse.caption
+
+
 def test_without_rate_readback_the_setpoint_is_drawn(small: ReportData) -> None:
     assert small.timeline is not None
     blind = dataclasses.replace(small, timeline=small.timeline.drop(columns="rate_readback_dps"))

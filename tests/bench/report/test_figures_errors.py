@@ -63,6 +63,31 @@ def test_scores_name_every_model_and_split(small: ReportData) -> None:
     assert all(f">{word}</text>" in figure.svg for word in words)
 
 
+@pytest.mark.parametrize("splits", [("leave_temperatures_out", "random"), ("random",)])
+def test_key_of_the_scores_is_complete_and_inside_the_figure(small: ReportData, splits: tuple[str, ...]) -> None:
+    judged = {model: {split: by[split] for split in splits} for model, by in small.duts[0].metrics.items()}
+    with figures.style():
+        figure = figures_errors.model_scores(dataclasses.replace(small.duts[0], metrics=judged), "s")
+    assert figure is not None
+    found = re.findall(r'x="([-\d.]+)" y="([-\d.]+)"[^>]*>([^<]+)</text>', figure.svg)
+    places = {text: (float(x), float(y)) for x, y, text in found}
+    words = [spec[1] for spec in figures_errors.SERIES if spec[0] in splits] + ["noise floor"]
+    key = [places[word] for word in words]
+    assert len(set(places) & {spec[1] for spec in figures_errors.SERIES}) == len(splits)
+    assert 12 < places[f"DUT {small.duts[0].name}"][1] < min(y for _, y in key) - 16
+    assert max(y for _, y in key) < places["not compensated"][1]
+    assert all(0 < x < figures.HALF[0] - 80 for x, _ in key)
+
+
+def test_a_held_out_surface_says_so(small: ReportData) -> None:
+    with figures.style():
+        drawn = [
+            figures_errors.error_surface(dataclasses.replace(small.duts[0], held_out=held_out), "residual_dps", "s")
+            for held_out in (True, False)
+        ]
+    assert [figure is not None and ", held out</text>" in figure.svg for figure in drawn] == [True, False]
+
+
 def test_without_metrics_there_are_no_scores(small: ReportData) -> None:
     with figures.style():
         assert figures_errors.model_scores(dataclasses.replace(small.duts[0], metrics={}), "s") is None

@@ -25,6 +25,14 @@ def test_verdicts_are_counted_and_holes_seen(small: ReportData) -> None:
     assert "31 pass, 1 marginal, 1 fail, 2 cells not measured" in figure.alt
 
 
+def test_a_whole_grid_has_no_key_for_holes(small: ReportData) -> None:
+    with figures.style():
+        figure = figures_grid.verdict_map(small.duts[0], "v")
+    assert figure is not None
+    assert "not measured</text>" not in figure.svg
+    assert ">not measured 0<" not in figure.svg
+
+
 def test_a_failed_point_has_no_residual_cell(small: ReportData) -> None:
     dut = changed(small.duts[0], 3, verdict="fail", usable=False)
     with figures.style():

@@ -6,6 +6,7 @@ import pytest
 
 from bench.report import figures, figures_residuals
 from bench.report.data import ReportData
+from bench.report.formats import MINUS
 
 
 def test_every_dwell_is_a_line(small: ReportData) -> None:
@@ -31,6 +32,15 @@ def test_histogram_states_the_std(small: ReportData) -> None:
     stated = re.search(r">±1 std = ([\d.]+) °/s</text>", figure.svg)
     assert stated
     assert float(stated[1]) == pytest.approx(float(np.std(dut.usable["residual_dps"])), rel=6e-3)
+
+
+def test_a_single_dwell_is_not_blown_up(small: ReportData) -> None:
+    dut = dataclasses.replace(small.duts[0], points=small.duts[0].points.iloc[:7])
+    with figures.style():
+        figure = figures_residuals.against_temperature(dut, 0, "t")
+    assert figure is not None
+    degc = [float(text.replace(MINUS, "-")) for text in re.findall(rf">({MINUS}\d\d\.?\d*)</text>", figure.svg)]
+    assert max(degc) - min(degc) > 1.0
 
 
 def test_magnitudes_set_the_noise_beside(small: ReportData) -> None:

@@ -1,10 +1,22 @@
 import math
+from pathlib import Path
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bench.report.formats import MINUS, MISSING, count, decimals_missing, duration, fixed, ratio, setpoint, significant
+from bench.report.formats import (
+    MINUS,
+    MISSING,
+    count,
+    decimals_missing,
+    duration,
+    fault,
+    fixed,
+    ratio,
+    setpoint,
+    significant,
+)
 
 MAGNITUDES = st.floats(1e-7, 1e6, allow_nan=False)
 
@@ -20,6 +32,12 @@ def test_significant_keeps_so_many_digits(value: float, digits: int) -> None:
 @given(MAGNITUDES)
 def test_negative_numbers_carry_a_true_minus(value: float) -> None:
     assert significant(-value) == MINUS + significant(value)
+
+
+def test_a_fault_names_the_file_only() -> None:
+    path = Path("/a/b/run/points.csv")
+    error = PermissionError(13, "Permission denied", str(path))
+    assert fault(error, path) == "[Errno 13] Permission denied: 'points.csv'"
 
 
 def test_rounding_up_does_not_add_a_digit() -> None:

@@ -35,6 +35,9 @@ def test_what_is_written_is_read() -> None:
             "limits": [{"model": "m", "split": "s", "quantity": "std_dps", "limit": 0.1, "measured": {"a": None}}],
             "host": {"system": "Linux", "machine": "x86_64"},
             "events": [{"t_s": 1.5, "kind": "safe", "text": "at rest"}],
+            "message": "m std over 0.1 deg/s",
+            "notes": ["a: too few", "b: too few", "a: too few", ""],
+            "overrides": ["x=1", "x=2", "x=1"],
         },
         "folder",
     )
@@ -43,6 +46,9 @@ def test_what_is_written_is_read() -> None:
     assert manifest.limits[0].passed is None
     assert manifest.host == "system Linux, machine x86_64"
     assert manifest.events[0].t_s == 1.5
+    assert manifest.message == "m std over 0.1 deg/s"
+    assert manifest.notes == ("a: too few", "b: too few")
+    assert manifest.overrides == ("x=1", "x=2", "x=1")
 
 
 @pytest.mark.parametrize("duration", [float("nan"), float("inf"), "12", True])

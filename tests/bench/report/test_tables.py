@@ -5,6 +5,7 @@ import pytest
 
 from bench.report import tables
 from bench.report.data import ReportData
+from bench.report.formats import MINUS
 from bench.report.manifest import LimitCheck
 
 
@@ -34,6 +35,31 @@ def test_headline_is_the_best_model_on_unseen_temperatures(small: ReportData) ->
     assert line.split == "leave temperatures out"
     std = dut.figure(dut.model or "", "leave_temperatures_out", "std_dps")
     assert float(line.std_after) == pytest.approx(std, rel=6e-3)
+
+
+def test_one_split_is_one_side(small: ReportData) -> None:
+    metrics = {model: {"random": splits["random"]} for model, splits in small.duts[0].metrics.items()}
+    shown = tables.results(dataclasses.replace(small.duts[0], metrics=metrics))
+    assert [label for label, _ in shown.groups if label] == ["Random split, °/s"]
+    assert "11 points held back at random." in shown.caption
+    rows = {row[0]: row[1:] for row in texts(shown)}
+    before, after = (metrics[model]["random"]["std_dps"] for model in ("none", "linear"))
+    assert before is not None
+    assert after is not None
+    assert float(rows["linear"][2]) == pytest.approx(before / after, rel=0.06)
+
+
+def test_points_as_measured_are_those_of_the_file(small: ReportData) -> None:
+    shown = tables.as_measured(small)
+    assert shown is not None
+    first = [cell.text for cell in shown.rows[1]]
+    row = small.duts[1].points.iloc[0]
+    assert first[:2] == ["1", "gyro-b"]
+    error = row["rate_mean_dps"] - row["rate_reference_dps"]
+    assert float(first[5].replace(MINUS, "-")) == pytest.approx(error, abs=6e-6)
+    assert len(shown.rows) == tables.POINTS_SHOWN
+    assert "The first 40 of 70" in shown.caption
+    assert tables.as_measured(dataclasses.replace(small, duts=())) is None
 
 
 def test_headline_falls_back_to_the_random_split_and_says_so(small: ReportData) -> None:

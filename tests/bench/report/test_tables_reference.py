@@ -3,6 +3,7 @@ import shlex
 
 import pytest
 
+from bench.points import COLUMNS
 from bench.report import published, tables_reference
 from bench.report.data import ReportData
 
@@ -42,6 +43,13 @@ def test_notes_carry_the_runs_own_counts(small: ReportData) -> None:
     assert "648" in notes
     assert "703" in notes
     assert "standard deviation" in notes
+    assert "headline figures above leave whole temperatures out" in notes
+
+
+def test_notes_do_not_speak_of_a_split_that_was_not_judged(small: ReportData) -> None:
+    metrics = {model: {"random": splits["random"]} for model, splits in small.duts[0].metrics.items()}
+    dut = dataclasses.replace(small.duts[0], metrics=metrics)
+    assert "headline" not in " ".join(tables_reference.published_notes(dataclasses.replace(small, duts=(dut,))))
 
 
 def test_commands_repeat_the_run(small: ReportData) -> None:
@@ -75,4 +83,4 @@ def test_folders_of_many_files_are_counted() -> None:
 def test_every_column_of_points_csv_is_explained(small: ReportData) -> None:
     explained = " ".join(row[0].text for row in tables_reference.column_glossary().rows).replace(",", "").split()
     header = (small.run_dir / "points.csv").read_text().partition("\n")[0].split(",")
-    assert set(header) == set(explained)
+    assert set(header) == set(explained) == set(COLUMNS)
