@@ -77,7 +77,7 @@ def analyse(
             notes.append(f"{dut}: no fit: {error}")
             continue
         metrics[dut] = metrics.get(dut, {}) | evaluation.metrics
-        notes += [f"{dut}: {reason}" for reason in evaluation.unavailable.values()]
+        notes += [f"{dut}: {reason}" for reason in dict.fromkeys(evaluation.unavailable.values())]
         residuals.append(_residuals(evaluation, table, dut))
         about = {**meta, "dut": dut, "inputs": list(analysis.inputs)}
         notes += [f"{dut}: {failure}" for failure in _save_models(folder / "models" / dut, evaluation, about)]

@@ -14,7 +14,7 @@ from pydantic import BaseModel
 from bench.benchfile import SIMULATED_CAN, Bench, CanPort, Instrument
 from bench.clock import Clock, VirtualClock, WallClock
 from bench.errors import BenchFailure, InvalidFiles, Problem, did_you_mean
-from bench.fields import model_of, validate, validate_dataclass
+from bench.fields import model_of, refused, validate, validate_dataclass
 from bench.station import Station, open_station
 from bench.yamlfile import Path_
 from simulated_hw.world import (
@@ -200,7 +200,7 @@ def _gyro(bench: Bench, serial: str, given: bool, problems: list[Problem]) -> Gy
     try:
         return _changed(gyro_class(name), values)
     except ValueError as error:
-        problems.append(Problem(document.mark(path), f"{error}."))
+        problems.append(refused(document, path, str(error)))
         return None
 
 

@@ -19,7 +19,8 @@ from bench.safe import NOT_SAFE
 if TYPE_CHECKING:
     import pandas as pd
 
-HASHED_FILES = ("procedure.yaml", "bench.yaml", "points.csv", "points.parquet", "metrics.json")
+HASHED_FILES = ("procedure.yaml", "bench.yaml", "points.csv", "points.parquet", "residuals.parquet", "metrics.json")
+QUANTITIES = {"max_abs_dps": "largest error", "std_dps": "standard deviation"}
 ReportWriter = Callable[[Path], Any]
 
 
@@ -92,17 +93,24 @@ def _outcome(
         return "ABORTED", ExitCode.INTERRUPTED, "interrupted; the bench was brought to its safe state"
     if failure is not None:
         return "ERROR", ExitCode.BENCH_FAILED, f"{failure}{warning}"
-    reasons = [
-        f"{item.model} {item.split} {item.quantity} over {item.limit:g} deg/s" for item in judged if not item.passed
-    ]
+    reasons = [_in_words(item) for item in judged if not item.passed]
     failed = int((points["verdict"] == "fail").sum())
     planned = entries[0]["points_planned"] * len(entries[0]["duts"])
     reasons += [f"{failed} of {len(points)} points failed their quality limits"] if failed else []
     reasons += [f"{planned - len(points)} points were not measured"] if len(points) < planned else []
-    reasons += list(notes)
+    reasons += list(dict.fromkeys(notes))
     if reasons:
         return "FAIL", ExitCode.FAILED, "; ".join(reasons)
     return "PASS", ExitCode.PASSED, "every point measured" + (", all limits met" if judged else "; no limit was set")
+
+
+def _in_words(item: Judged) -> str:
+    """Why a limit was not passed."""
+    what = f"{item.model}, {item.split.replace('_', ' ')}: {QUANTITIES[item.quantity]}"
+    if any(value is None for value in item.measured.values()) or not item.measured:
+        return f"{what} was not measured"
+    worst = max(value for value in item.measured.values() if value is not None)
+    return f"{what} {worst:.4g} is over its limit {item.limit:g} deg/s"
 
 
 def failure_of(entries: Sequence[Entry]) -> FogbenchError | None:

@@ -137,13 +137,18 @@ def validate_dataclass(declared: type, document: Document, path: Path_, problems
     try:
         return to_dataclass(declared, values)
     except ValueError as error:
-        problems.append(_refused(document, path, str(error)))
+        problems.append(refused(document, path, str(error)))
         return None
 
 
-def _refused(document: Document, path: Path_, text: str) -> Problem:
-    """A settings class's own objection; it begins with the key path it is about, or with Class.field_unit = …"""
+def refused(document: Document, path: Path_, text: str) -> Problem:
+    """A settings class's own objection to the mapping at `path`, at the key it is about.
+
+    It begins with that key, or with Class.field_unit = …, where the class may be one nested in the mapping.
+    """
     field = re.match(r"[A-Z]\w+\.(\w+) = ", text)
     key = yaml_key(field[1]) if field else text.partition(" ")[0].rstrip(":")
     text = f"{key} = {text[field.end() :]}" if field else text
-    return Problem(document.mark((*path, *key.split("."))), sentence(text))
+    place = (*path, *key.split("."))
+    nested = (item for item in document.values if item[: len(path)] == path and item[-1:] == (key,))
+    return Problem(document.mark(place if place in document.values else next(nested, place)), sentence(text))

@@ -145,6 +145,8 @@ def judge(row: Row, frames: FrameBatch, planned_samples: int, planned_frames: in
         off_rate = abs(row["rate_readback_dps"] - row["rate_setpoint_dps"])
         checks.append(("table off its rate", off_rate, quality.rate_band_dps, "deg/s"))
     reasons = [f"{name} {value:.4g} over {limit:g} {unit}" for name, value, limit, unit in checks if value > limit]
+    if row["dut_temperature_slope_u_degc_min"] is None:
+        reasons.append("DUT temperature slope not measured")
     failed = any(value > limit * quality.fail_at for _, value, limit, _ in checks)
     return ("fail" if failed else "marginal" if reasons else "pass"), "; ".join(reasons)
 

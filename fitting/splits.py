@@ -62,7 +62,8 @@ class SplitPlan:
         labels, dwell = np.unique(groups, return_inverse=True)
         if len(labels) < self.folds:
             raise SplitNotPossible(
-                f"temperatures left out: {len(labels)} dwells for {self.folds} folds; "
+                f"temperatures left out: {self.folds} folds need as many temperatures, there "
+                f"{'is' if len(labels) == 1 else 'are'} {len(labels)}; "
                 "measure at more temperatures or ask for fewer folds."
             )
         mean = np.bincount(dwell, weights=temperature_degc) / np.bincount(dwell)

@@ -119,7 +119,9 @@ def evaluate(
 def _checked(X: ArrayLike, y: ArrayLike, u: ArrayLike, groups: ArrayLike) -> _Data:
     inputs = np.asarray(X, dtype=np.float64)
     if inputs.ndim != 2 or inputs.shape[1] < 1 or len(inputs) < 2:
-        raise ValidationError(f"X has shape {inputs.shape}; expected at least 2 rows of [temperature_degc, rate_dps].")
+        raise ValidationError(
+            f"{len(inputs)} usable points (shape {inputs.shape}); it takes at least 2 rows of [temperature, rate]."
+        )
     columns = {"y": np.asarray(y, dtype=np.float64), "u": np.asarray(u, dtype=np.float64), "groups": np.asarray(groups)}
     for name, column in columns.items():
         if column.shape != (len(inputs),):

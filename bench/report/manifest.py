@@ -12,10 +12,14 @@ OUTCOMES = ("PASS", "FAIL", "ERROR", "ABORTED")
 
 @dataclass(frozen=True)
 class Source:
-    """The procedure or the bench of a run: what it is called and the hash of the file as it was run."""
+    """The procedure or the bench of a run: what it is called and the hash of the file as it was run.
+
+    experiment: id of the published experiment that a procedure follows, if it says so.
+    """
 
     name: str = ""
     title: str = ""
+    experiment: str = ""
     file: str = ""
     sha256: str = ""
 
@@ -152,7 +156,7 @@ def _host(value: Any) -> str:
 
 def _source(value: Any) -> Source:
     raw = _mapping(value)
-    return Source(*(_text(raw.get(key)) for key in ("name", "title", "file", "sha256")))
+    return Source(*(_text(raw.get(key)) for key in ("name", "title", "experiment", "file", "sha256")))
 
 
 def _limit(raw: Mapping[str, Any]) -> LimitCheck:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+EXPERIMENT = "ts"
 SOURCE = "J. Chongqing Univ. 33(12), 2010"
 POINTS = 648
 TRAINING_POINTS = 448

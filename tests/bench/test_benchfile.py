@@ -230,6 +230,13 @@ def test_a_bench_may_be_changed_before_it_is_checked(tmp_path: Path) -> None:
     assert bench.chamber.settings.baud == 9600
 
 
+def test_settings_replaced_as_a_whole_are_not_judged_by_the_lines_they_replace(tmp_path: Path) -> None:
+    path = tmp_path / "b.yaml"
+    path.write_text(BENCH)
+    (problem,) = load_bench(path, editor(parse_overrides(["bench.duts.A1.settings={baud: 9600}"]), "bench"))[1]
+    assert str(problem).startswith("--set bench.duts.A1.settings={baud: 9600}: data_rate: 100 Hz")
+
+
 def test_entry_points_are_found_by_group_and_name() -> None:
     found = find_entry_point("fogbench.chambers", "watlow_f4")
     assert found is not None

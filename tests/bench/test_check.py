@@ -5,58 +5,13 @@ from pathlib import Path
 import pytest
 
 from bench import check as check_module
-from bench.check import Checked, check, estimate_duration_s
-from bench.errors import ExitCode, InvalidFiles
+from bench.check import check, estimate_duration_s
+from bench.errors import InvalidFiles
 from bench.overrides import parse_overrides
+from tests.bench.checking import BENCH, PROCEDURE, checked, mistakes
 
 ROOT = Path(__file__).parents[2]
 VIRTUAL, LAB = ROOT / "benches" / "virtual.yaml", ROOT / "benches" / "lab_example.yaml"
-
-# Limits all different, so that a message tells which of them spoke.
-BENCH = """\
-bench: b
-chamber:
-  driver: watlow_f4
-  port: sim://chamber
-  limits: {temperature: {from: -60 degC, to: 90 degC}, ramp: 4 degC/min}
-rate_table:
-  driver: acutronic_acl
-  port: sim://table
-  limits: {rate: 400 deg/s}
-duts:
-  A1:
-    driver: serial_frames
-    port: sim://a1
-    settings: {data_rate: 100 Hz}
-    limits: {rate: 200 deg/s, temperature: {from: -40 degC, to: 70 degC}}
-  B1:
-    driver: can_dbc
-    port: {interface: fogsim, channel: b1}
-    settings: {data_rate: 50 Hz}
-    limits: {rate: 300 deg/s}
-"""
-PROCEDURE = """\
-procedure: x
-limits:
-  temperature: {from: -30 degC, to: 60 degC}
-  rate: 180 deg/s
-  ramp: 1 degC/min
-  duration: 10 h
-steps:
-"""
-
-
-def checked(folder: Path, steps: str, head: str = PROCEDURE, bench: str = BENCH, tail: str = "") -> Checked:
-    (folder / "p.yaml").write_text(f"{head}{steps}\n{tail}")
-    (folder / "b.yaml").write_text(bench)
-    return check(folder / "p.yaml", folder / "b.yaml")
-
-
-def mistakes(folder: Path, steps: str, head: str = PROCEDURE, bench: str = BENCH, tail: str = "") -> list[str]:
-    with pytest.raises(InvalidFiles) as caught:
-        checked(folder, steps, head, bench, tail)
-    assert caught.value.exit_code == ExitCode.USER_MISTAKE
-    return [str(problem).replace(f"{folder}/", "") for problem in caught.value.problems]
 
 
 @pytest.mark.parametrize("bench", [VIRTUAL, LAB], ids=["virtual", "lab"])
@@ -176,7 +131,7 @@ def test_a_sweep_beyond_a_limit_is_one_mistake_for_each_end(tmp_path: Path) -> N
       times: 3
       steps:
         - sweep:
-            temperature: {from: -50 degC, to: 65 degC, step: 5 K}
+            temperature: {from: -50 degC, to: 75 degC, step: 5 K}
             steps: [{dwell: 1 s}]
         - sweep:
             rate: {from: -190 deg/s, to: 190 deg/s, step: 10 deg/s}
@@ -187,7 +142,9 @@ def test_a_sweep_beyond_a_limit_is_one_mistake_for_each_end(tmp_path: Path) -> N
         "values visited here.",
         "p.yaml:11:11: 'set_temperature': -50 degC is outside the procedure's own limits: -30 to 60 degC. So are 3 "
         "more of the values visited here.",
-        "p.yaml:11:11: 'set_temperature': 65 degC is outside the procedure's own limits: -30 to 60 degC.",
+        "p.yaml:11:11: 'set_temperature': 75 degC is outside DUT A1: -40 to 70 degC.",
+        "p.yaml:11:11: 'set_temperature': 75 degC is outside the procedure's own limits: -30 to 60 degC. So are 2 "
+        "more of the values visited here.",
         "p.yaml:14:11: 'set_rate': -190 deg/s is above the procedure's own limit, ± 180 deg/s. So is 1 more of "
         "the values visited here.",
     ]
@@ -249,111 +206,6 @@ def test_a_safe_state_must_be_safe(tmp_path: Path, safe: str, problems: list[str
         assert mistakes(tmp_path, "  - dwell: 1 s", bench=bench) == problems
     else:
         assert checked(tmp_path, "  - dwell: 1 s", bench=bench).plan
-
-
-GRID = """\
-  - sweep:
-      temperature: [0 degC, 10 degC, 20 degC]
-      steps:
-        - sweep:
-            rate: [1 deg/s, 2 deg/s]
-            steps: [{acquire: {count: 5, every: 1 s}}]
-"""
-
-
-@pytest.mark.parametrize(
-    ("steps", "analysis", "problems"),
-    [
-        (GRID, "{models: [linear]}", []),
-        (GRID, "{models: [linear], splits: {random: {train: 5}}}", []),
-        (
-            GRID,
-            "{models: [linear], splits: {random: {train: 6}}}",
-            ["p.yaml:14:55: 6 rows for training, but only 6 points are measured."],
-        ),
-        (
-            GRID,
-            "{models: [linear, ts_jont]}",
-            ["p.yaml:14:29: unknown model 'ts_jont'. Allowed: linear, ts_joint, ts_published. Did you mean ts_joint?"],
-        ),
-        (
-            GRID,
-            "{models: [linear], limits: [{model: ts_joint, split: random, std: 1 deg/s}]}",
-            ["p.yaml:14:47: the limit is for 'ts_joint', which is not fitted. Allowed: linear."],
-        ),
-        (
-            GRID,
-            "{models: [linear], limits: [{model: linear, std: 1 deg/s}]}",
-            [
-                "p.yaml:14:11: a limit needs temperatures left out in 6 folds, but points are measured at 3 only. "
-                "Ask for fewer folds.",
-            ],
-        ),
-        (
-            GRID,
-            "{models: [linear], splits: {leave_temperatures_out: {folds: 3}}, limits: [{model: linear, std: 1 deg/s}]}",
-            [],
-        ),
-        (GRID, "{models: [linear], limits: [{model: linear, split: random, std: 1 deg/s}]}", []),
-        (
-            "  - set_rate: 1 deg/s",
-            "{models: [linear]}",
-            ["p.yaml:9:11: there is nothing to analyse: the steps hold no acquire."],
-        ),
-        (
-            "  - acquire: {count: 5, every: 1 s}\n  - set_rate: 1 deg/s\n  - acquire: {count: 5, every: 1 s}",
-            "{models: [linear]}",
-            [
-                "p.yaml:11:11: some points have no rate setpoint, so there is no reference to fit to. "
-                "Set a rate first.",
-            ],
-        ),
-    ],
-)
-def test_analyses_that_could_not_be_made(tmp_path: Path, steps: str, analysis: str, problems: list[str]) -> None:
-    tail = f"analysis: {analysis}"
-    if problems:
-        assert mistakes(tmp_path, steps.rstrip("\n"), tail=tail) == problems
-    else:
-        assert checked(tmp_path, steps, tail=tail).points == 6
-
-
-@pytest.mark.parametrize(
-    "steps",
-    [
-        "  - set_rate: 5 K\n  - settle: {band: 1 deg/s}\n  - acquire: {count: 5, every: 1 s}",
-        "  - set_rate: 5 deg/s\n  - acquire: {cont: 5, every: 1 s}",
-        "  - sweep:\n      rate: [1 K]\n      steps: [{settle: {band: 1 deg/s}}, {acquire: {count: 5, every: 1 s}}]",
-        "  - sweep:\n      rate: {from: 0 deg/s, to: 5 deg/s, step: 2 deg/s}\n"
-        "      steps: [{settle: {band: 1 deg/s}}, {acquire: {count: 5, every: 1 s}}]",
-    ],
-    ids=["rate", "acquire", "sweep", "range"],
-)
-def test_one_mistake_does_not_draw_others_after_it(tmp_path: Path, steps: str) -> None:
-    """What is missing because of a mistake is not said to be missing."""
-    problems = mistakes(tmp_path, steps, tail="analysis: {models: [linear]}")
-    assert len({problem.split(": ")[0] for problem in problems}) == 1, problems
-
-
-@pytest.mark.parametrize(
-    ("simulation", "problem"),
-    [
-        ("{sed: 5}", "b.yaml:21:14: unknown key 'sed'. Allowed: chamber, duts, rate_table, seed. Did you mean seed?"),
-        ("{seed: x}", "b.yaml:21:20: 'seed': a whole number is expected."),
-        ("{duts: {C1: {class: ts_a}}}", "b.yaml:21:21: there is no DUT 'C1'. Allowed: A1, B1."),
-        ("{duts: {A1: {class: ts_c}}}", "b.yaml:21:33: unknown gyro class 'ts_c'. Allowed: "),
-        (
-            "{duts: {A1: {noise: {arw: 5 deg/h}}}}",
-            "b.yaml:21:39: 'arw': '5 deg/h' has the unit 'deg/h', which is no unit",
-        ),
-        ("{chamber: {heating: 2 kW}}", "b.yaml:21:24: unknown key 'heating'."),
-        ("{chamber: {probe_lag: 0 s}}", "b.yaml:21:35: probe_lag = 0.0: must be a finite number above 0."),
-    ],
-)
-def test_the_simulation_block(tmp_path: Path, simulation: str, problem: str) -> None:
-    found = mistakes(tmp_path, "  - dwell: 1 s", bench=f"{BENCH}simulation: {simulation}\n")
-    assert len(found) == 1
-    assert found[0].startswith(problem), found
 
 
 def test_both_files_at_once_and_changed_by_overrides(tmp_path: Path) -> None:

@@ -124,6 +124,15 @@ def test_a_flipped_byte_never_gives_a_wrong_record(flip: int) -> None:
         assert damaged or position >= LAST_LINE, position
 
 
+def test_damage_before_a_torn_line_is_reported() -> None:
+    """Only the last line may be torn; a bad one before it was damaged otherwise."""
+    torn = encode(ENTRIES[3] | {"n": 4})[:20]
+    flipped = CLEAN[:-5] + b"x" + CLEAN[-4:]
+    assert outcome(flipped) == (ENTRIES[:3], False)
+    assert outcome(CLEAN + torn) == (ENTRIES, False)
+    assert outcome(flipped + torn) == (ENTRIES[:3], True)
+
+
 @given(st.integers(0, LAST_LINE - 1), st.integers(1, 200), st.binary(max_size=20))
 def test_any_damage_before_the_last_line_is_reported(start: int, length: int, instead: bytes) -> None:
     end = min(start + length, LAST_LINE)

@@ -136,7 +136,7 @@ def test_a_report_can_be_made(end: RunEnd) -> None:
 def test_a_failed_limit_is_a_fail_not_an_error(tmp_path: Path) -> None:
     end = run_campaign(tmp_path, "strict", GRID.replace("max_abs: 100 deg/s", "std: 0.0001 deg/s"))
     assert (end.outcome, end.exit_code) == ("FAIL", ExitCode.FAILED)
-    assert "linear random std_dps over 0.0001 deg/s" in end.message
+    assert "linear, random: standard deviation" in end.message and "over its limit 0.0001 deg/s" in end.message
 
 
 def test_a_lying_gyro_fails_its_points(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

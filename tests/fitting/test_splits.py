@@ -47,7 +47,7 @@ def test_interleaved_folds_follow_temperature_and_not_the_order_measured() -> No
 
 
 def test_too_few_dwells_are_named_with_the_way_out() -> None:
-    with pytest.raises(SplitNotPossible, match=r"3 dwells for 6 folds; measure at more temperatures or ask for fewer"):
+    with pytest.raises(SplitNotPossible, match=r"6 folds need as many temperatures, there are 3; measure at more"):
         SplitPlan().fold_of_rows(np.array([0, 1, 2]), np.zeros(3))
 
 

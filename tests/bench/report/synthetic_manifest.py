@@ -36,7 +36,8 @@ def manifest_of(
     bench = "virtual" if virtual else "lab-3"
     return {
         "run_id": folder.name,
-        "procedure": _source("temperature_rate_grid", "procedures") | {"title": "Temperature × rate grid, 703 points"},
+        "procedure": _source("temperature_rate_grid", "procedures")
+        | {"title": "Temperature × rate grid, 703 points", "experiment": "ts"},
         "bench": _source(bench, "benches") | {"virtual": virtual},
         "overrides": [],
         "seed": seed,
