@@ -52,6 +52,8 @@ COLUMNS = (
     "reasons",
 )
 
+TEXT_COLUMNS = ("dut", "verdict", "reasons")
+
 # Column of timeline.parquet -> field of a readback record.
 _READBACKS = {
     "t_s": "t_s",
@@ -166,10 +168,9 @@ def points_of(entries: Iterable[Entry]) -> pd.DataFrame:
 
     rows = [entry["row"] for entry in entries if entry["kind"] == "point"]
     table = pd.DataFrame(rows, columns=list(COLUMNS))
-    text = {"dut", "verdict", "reasons"}
     whole = {"point", "dwell", "samples", "frames", "frames_lost", "duplicates", "bad_checksum", "skipped_bytes"}
     whole |= {"resyncs", "outliers"}
-    kinds = {name: "str" if name in text else "int64" if name in whole else "float64" for name in COLUMNS}
+    kinds = {name: "str" if name in TEXT_COLUMNS else "int64" if name in whole else "float64" for name in COLUMNS}
     typed: pd.DataFrame = table.astype(kinds)
     return typed
 

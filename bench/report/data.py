@@ -18,6 +18,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from bench.errors import UserMistake
+from bench.points import COLUMNS, TEXT_COLUMNS
 from bench.report.formats import fault
 from bench.report.manifest import Manifest
 from bench.report.residuals import (
@@ -35,32 +36,7 @@ UNCOMPENSATED = "none"
 LARGEST_SOURCE_CHARACTERS = 60_000
 FEW_POINTS = 20
 
-NUMBERS = (
-    "point",
-    "dwell",
-    "chamber_setpoint_degc",
-    "chamber_readback_degc",
-    "dut_temperature_degc",
-    "dut_temperature_slope_degc_min",
-    "dut_temperature_slope_u_degc_min",
-    "rate_setpoint_dps",
-    "rate_readback_dps",
-    "rate_reference_dps",
-    "rate_mean_dps",
-    "rate_std_dps",
-    "rate_mean_u_dps",
-    "samples",
-    "frames",
-    "frames_lost",
-    "duplicates",
-    "bad_checksum",
-    "skipped_bytes",
-    "resyncs",
-    "outliers",
-    "started_at_s",
-    "ended_at_s",
-)
-TEXTS = ("dut", "verdict", "reasons")
+NUMBERS = tuple(name for name in COLUMNS if name not in TEXT_COLUMNS)
 
 Floats = NDArray[np.float64]
 Metrics = Mapping[str, Mapping[str, Mapping[str, float | None]]]
@@ -170,7 +146,7 @@ def _json(path: Path, notes: list[str]) -> dict[str, Any]:
 
 def _points(path: Path, notes: list[str]) -> pd.DataFrame:
     try:
-        points = pd.read_csv(path, dtype=dict.fromkeys(TEXTS, "str"), keep_default_na=False, na_values={"": ""})
+        points = pd.read_csv(path, dtype=dict.fromkeys(TEXT_COLUMNS, "str"), keep_default_na=False, na_values={"": ""})
     except FileNotFoundError:
         notes.append("points.csv is missing: no points are shown.")
         points = pd.DataFrame()
@@ -178,7 +154,7 @@ def _points(path: Path, notes: list[str]) -> pd.DataFrame:
         notes.append(f"points.csv cannot be read ({fault(error, path)}): no points are shown.")
         points = pd.DataFrame()
     columns = {name: _numeric(points, name) for name in NUMBERS}
-    texts = {name: _textual(points, name) for name in TEXTS}
+    texts = {name: _textual(points, name) for name in TEXT_COLUMNS}
     return pd.DataFrame({**columns, **texts})
 
 
