@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+from bench.procedure.language import RampTemperature, Soak
 from bench.procedure.plan import PlannedStep
 from bench.units import format_duration
 
@@ -47,3 +48,31 @@ def phases(plan: Sequence[PlannedStep], ends_s: Sequence[float]) -> list[Phase]:
             result.append(Phase(began, ended, step.temperature_degc, kind, points))
         began = ended
     return result
+
+
+# A ramp may take this much longer than its rate says before it is worth a word: probe lag and the band at its end.
+RAMP_ALLOWANCE_S = 600.0
+ROOM_DEGC = 25.0
+
+
+def remarks(plan: Sequence[PlannedStep], ends_s: Sequence[float]) -> list[str]:
+    """Where the rehearsed bench could not keep to what the procedure states: ramps not followed, soaks drawn out."""
+    found: list[str] = []
+    began, temperature = 0.0, ROOM_DEGC
+    for step, ended in zip(plan, ends_s, strict=False):
+        args, took = step.args, ended - began
+        if isinstance(args, RampTemperature):
+            stated = abs(args.to_degc - temperature) / args.rate_degc_min * 60.0
+            if took > stated + RAMP_ALLOWANCE_S:
+                found.append(
+                    f"{step.mark}: the ramp to {args.to_degc:g} degC took {format_duration(took)}; at "
+                    f"{args.rate_degc_min:g} degC/min it is {format_duration(stated)}. The chamber is at its limit."
+                )
+        elif isinstance(args, Soak) and took > args.for_s + RAMP_ALLOWANCE_S:
+            found.append(
+                f"{step.mark}: the soak at {temperature:g} degC took {format_duration(took)} instead of "
+                f"{format_duration(args.for_s)}: the DUTs' slope was outside its band for longer."
+            )
+        began = ended
+        temperature = temperature if step.temperature_degc is None else step.temperature_degc
+    return found

@@ -27,27 +27,28 @@ def command(procedure: Path, bench_path: Path, seed: int | None, settings: tuple
     from bench.composition import seed_of
     from bench.forecast import rehearse
     from bench.overrides import parse_overrides
-    from bench.timeline import phases
+    from bench.timeline import phases, remarks
     from bench.units import format_duration
 
     began = stopwatch()
     checked = check(procedure, bench_path, parse_overrides(settings))
     forecast = rehearse(checked, seed if seed is not None else seed_of(checked.bench))
     listed = phases(checked.plan, forecast.ends_s)
+    limits_hit = remarks(checked.plan, forecast.ends_s)
     if as_json:
         print_json(
             {
                 "duration_s": forecast.duration_s,
                 "steps": len(checked.plan),
                 "points": checked.points,
-                "warnings": forecast.warnings,
+                "warnings": [*forecast.warnings, *limits_hit],
                 "failure": forecast.failure,
                 "timeline": [phase.as_dict() for phase in listed],
             }
         )
     else:
         click.echo(table([phase.row() for phase in listed], ["from", "until", "chamber", "what", "points"]))
-        for warning in forecast.warnings:
+        for warning in [*forecast.warnings, *limits_hit]:
             click.echo(f"warning: {warning}")
         click.echo(
             f"\n{checked.head.procedure} on {checked.bench.file.bench}: {len(forecast.ends_s)} of {len(checked.plan)} "

@@ -67,3 +67,20 @@ def test_a_row_for_people_and_a_mapping_for_programs() -> None:
         "kind": "note",
         "points": 0,
     }
+
+
+def test_a_ramp_that_was_not_followed_and_a_soak_drawn_out_are_remarked() -> None:
+    from bench.errors import Mark
+    from bench.procedure.language import RampTemperature, Soak
+    from bench.timeline import remarks
+
+    ramp = RampTemperature.model_validate({"to": "-35 degC", "rate": "1 degC/min"})
+    soak = Soak.model_validate({"for": "1 h", "until": {"slope": "0.1 degC/min"}, "timeout": "9 h"})
+    plan = [
+        PlannedStep(1, "ramp_temperature", ramp, Mark("p.yaml", 3, 5), 1, -35.0, None),
+        PlannedStep(2, "soak", soak, Mark("p.yaml", 4, 5), 1, -35.0, None),
+    ]
+    assert remarks(plan, [3600.0 + 599.0, 3600.0 + 599.0 + 3600.0]) == []
+    late, drawn_out = remarks(plan, [2 * 3600.0, 5 * 3600.0])
+    assert late.startswith("p.yaml:3:5: the ramp to -35 degC took 2 h; at 1 degC/min it is 1 h.")
+    assert drawn_out.startswith("p.yaml:4:5: the soak at -35 degC took 3 h instead of 1 h")
