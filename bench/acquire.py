@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from typing import Any, Literal, cast
 
 import numpy as np
 
 from bench.engine import Engine
-from bench.points import point_row
+from bench.points import Row, point_row
 from bench.procedure.language import Acquire, Quality
 from bench.procedure.plan import PlannedStep
-from bench.rawstore import RawFile
+from bench.rawstore import RawFile, RawStore
 from bench.reduction import Samples, point_statistics, to_samples
 from bench.station import Gyro
 from drivers.codecs.batch import FrameBatch
@@ -76,6 +75,17 @@ class _Recording:
         )
 
 
+@dataclass(frozen=True)
+class _Measured:
+    """One DUT's point, reduced, and what it was made of."""
+
+    dut: str
+    recording: _Recording
+    frames: FrameBatch
+    samples: Samples
+    row: Row
+
+
 class RecordingAcquirer:
     """Records, reduces and keeps: frames to the raw store, one row per DUT to the log."""
 
@@ -84,47 +94,75 @@ class RecordingAcquirer:
         quality: Quality,
         earth_rate_dps: float,
         raw_mode: RawMode = "none",
-        store: Callable[[RawFile], None] = lambda raw: None,
+        store: RawStore | None = None,
     ) -> None:
         self._quality = quality
         self._earth_rate_dps = earth_rate_dps
         self._raw_mode = raw_mode
         self._store = store
+        self._given_up: set[str] = set()
 
     def acquire(self, engine: Engine, step: PlannedStep) -> None:
+        """Measure a point of every DUT; again, if one failed and that DUT has not been given up."""
+        for repeat in range(self._quality.repeats + 1):
+            measured = self._measure(engine, step)
+            bad = {item.dut: item.row["reasons"] for item in measured if item.row["verdict"] == "fail"}
+            if repeat == self._quality.repeats or not bad.keys() - self._given_up:
+                break
+            text = f"point {step.point} is measured again: {'; '.join(f'{dut} {why}' for dut, why in bad.items())}"
+            engine.log.append("warning", engine.clock.now(), step=step.number, text=text)
+        # A DUT that stayed bad is not waited for again until it has given a good point.
+        self._given_up = set(bad)
+        for item in measured:
+            engine.log.append("point", engine.clock.now(), row=item.row)
+            self._keep_raw(step, item)
+        if self._store:
+            self._store.flush()
+
+    def _measure(self, engine: Engine, step: PlannedStep) -> list[_Measured]:
         args = cast(Acquire, step.args)
         recordings = self._begin(engine, args)
         began_s = engine.clock.now()
         chamber, rates = self._record(engine, args, recordings)
-        ended_s = engine.clock.now()
-        for dut, recording in recordings.items():
-            frames = recording.frames()
-            samples = to_samples(
-                frames.index - (recording.start or 0),
-                frames.rate_dps,
-                frames.temperature_degc,
-                frames.good,
-                recording.frames_per_sample,
-                recording.count,
-                newest=args.take == "newest",
-            )
-            row = point_row(
-                step=step,
-                dut=dut,
-                statistics=point_statistics(samples, args.every_s),
-                planned_samples=recording.count,
-                planned_frames=recording.needed,
-                frames=frames,
-                losses=recording.gyro.losses - recording.before,
-                chamber_degc=_mean(chamber),
-                rate_dps=_mean(rates),
-                earth_rate_dps=self._earth_rate_dps,
-                started_at_s=began_s,
-                ended_at_s=ended_s,
-                quality=self._quality,
-            )
-            engine.log.append("point", ended_s, row=row)
-            self._keep_raw(step, dut, recording, frames, samples, began_s, args)
+        times = began_s, engine.clock.now()
+        readbacks = _mean(chamber), _mean(rates)
+        return [self._reduced(step, dut, recording, times, readbacks) for dut, recording in recordings.items()]
+
+    def _reduced(
+        self,
+        step: PlannedStep,
+        dut: str,
+        recording: _Recording,
+        times: tuple[float, float],
+        readbacks: tuple[float | None, float | None],
+    ) -> _Measured:
+        args = cast(Acquire, step.args)
+        frames = recording.frames()
+        samples = to_samples(
+            frames.index - (recording.start or 0),
+            frames.rate_dps,
+            frames.temperature_degc,
+            frames.good,
+            recording.frames_per_sample,
+            recording.count,
+            newest=args.take == "newest",
+        )
+        row = point_row(
+            step=step,
+            dut=dut,
+            statistics=point_statistics(samples, args.every_s),
+            planned_samples=recording.count,
+            planned_frames=recording.needed,
+            frames=frames,
+            losses=recording.gyro.losses - recording.before,
+            chamber_degc=readbacks[0],
+            rate_dps=readbacks[1],
+            earth_rate_dps=self._earth_rate_dps,
+            started_at_s=times[0],
+            ended_at_s=times[1],
+            quality=self._quality,
+        )
+        return _Measured(dut, recording, frames, samples, row)
 
     def _begin(self, engine: Engine, args: Acquire) -> dict[str, _Recording]:
         recordings = {}
@@ -152,34 +190,29 @@ class RecordingAcquirer:
                 rates += [readbacks.rate_dps] if readbacks.rate_dps is not None else []
         return chamber, rates
 
-    def _keep_raw(
-        self,
-        step: PlannedStep,
-        dut: str,
-        recording: _Recording,
-        frames: FrameBatch,
-        samples: Samples,
-        began_s: float,
-        args: Acquire,
-    ) -> None:
-        if self._raw_mode == "none" or not frames.columns:
+    def _keep_raw(self, step: PlannedStep, item: _Measured) -> None:
+        args, frames, recording = cast(Acquire, step.args), item.frames, item.recording
+        if self._store is None or self._raw_mode == "none" or not frames.columns:
             return
         columns: dict[str, Any]
         if self._raw_mode == "frames":
             columns = {"index": frames.index, **frames.columns}
         else:
-            columns = asdict(samples)
+            columns = asdict(item.samples)
+        meaning = recording.gyro.meaning
         metadata = {
             "point": step.point,
-            "dut": dut,
-            "started_at_s": began_s,
+            "dut": item.dut,
+            "started_at_s": item.row["started_at_s"],
             "every_s": args.every_s,
+            "samples": recording.count,
             "take": args.take,
             "source": recording.gyro.describe(),
             "data_rate_hz": recording.gyro.data_rate_hz,
-            "quantities": {name: asdict(law) for name, law in recording.gyro.quantities.items()},
+            "quantities": {name: asdict(law) for name, law in meaning.quantities.items()},
+            "status": {"good_mask": meaning.good_mask, "good_value": meaning.good_value},
         }
-        self._store(RawFile(f"p{step.point:05d}-{dut}.parquet", columns, metadata))
+        self._store.put(RawFile(f"p{step.point:05d}-{item.dut}.parquet", columns, metadata))
 
 
 def _mean(values: list[float]) -> float | None:

@@ -92,7 +92,7 @@ def _kept(folder: Path, fitted_again: Sequence[str]) -> tuple[dict[str, Any], li
     try:
         metrics = json.loads((folder / "metrics.json").read_text(encoding="utf-8"))
         residuals = pd.read_parquet(folder / "residuals.parquet")
-    except (OSError, ValueError):
+    except (OSError, ValueError, RecursionError):
         return {}, []
     return metrics, [residuals[~residuals["model"].isin([*fitted_again, UNCOMPENSATED])]]
 

@@ -17,7 +17,7 @@ from pydantic import Field
 
 from bench.errors import InvalidFiles, Problem, did_you_mean
 from bench.fields import Quantity, YamlMapping, validate, validate_dataclass
-from bench.procedure.language import Band, Name, Rate, Slope, Temperature
+from bench.procedure.language import Band, Guard, Name, Rate, Slope, Temperature
 from bench.yamlfile import Document, Path_, load_yaml
 
 Role = Literal["chamber", "rate_table", "dut"]
@@ -108,6 +108,16 @@ class Site(YamlMapping):
     latitude_deg: Annotated[float, Quantity("deg")] | None = Field(default=None, ge=-90, le=90)
 
 
+class ClockPace(YamlMapping):
+    """How fast bench time passes: `speed` bench seconds per second of the wall.
+
+    Only for ports that lead to live simulators (`fogbench simulate --speed`, which writes this block). Instruments of
+    metal and glass have speed 1; a virtual bench has no wall at all.
+    """
+
+    speed: float = Field(default=1.0, gt=0, allow_inf_nan=False)
+
+
 class BenchFile(YamlMapping):
     """A bench: instruments, DUTs, site, and the simulation of a virtual one."""
 
@@ -117,6 +127,8 @@ class BenchFile(YamlMapping):
     chamber: ChamberEntry | None = None
     rate_table: TableEntry | None = None
     duts: dict[Name, DutEntry] = Field(default_factory=dict)
+    guards: list[Guard] = Field(default_factory=list)
+    clock: ClockPace = Field(default_factory=ClockPace)
     simulation: dict[str, Any] = Field(default_factory=dict)
 
 
@@ -190,9 +202,12 @@ class Bench:
 
 
 def load_bench(
-    path: Path, edit: Callable[[Document], Document] = lambda document: document
+    path: Path, edit: Callable[[Document], Document] = lambda document: document, beside: Path | None = None
 ) -> tuple[Bench | None, list[Problem]]:
-    """Read and check a bench file by itself. Returns what could be read and all mistakes."""
+    """Read and check a bench file by itself. Returns what could be read and all mistakes.
+
+    Declarations it names are looked for in the folder `beside`, its own if none is given.
+    """
     try:
         document = edit(load_yaml(path))
     except InvalidFiles as error:
@@ -201,7 +216,7 @@ def load_bench(
     file = validate(BenchFile, document, (), problems)
     if file is None:
         return None, problems
-    found = [_instrument(*item, document, path.parent, problems) for item in _entries(file)]
+    found = [_instrument(*item, document, beside or path.parent, problems) for item in _entries(file)]
     instruments = [item for item in found if item]
     _check_ports(instruments, document, problems)
     if not file.duts:
@@ -270,8 +285,9 @@ def _settings(driver_class: Any, document: Document, path: Path_, folder: Path, 
 
 def _beside(folder: Path, value: Any) -> Any:
     """A setting that names a file beside the bench file becomes its path."""
-    if isinstance(value, str) and Path(value).suffix in DECLARATION_SUFFIXES and (folder / value).is_file():
-        return str(folder / value)
+    if isinstance(value, str) and Path(value).suffix in DECLARATION_SUFFIXES:
+        found = (folder / value, folder / Path(value).name)
+        return next((str(path) for path in found if path.is_file()), value)
     return value
 
 
@@ -288,6 +304,11 @@ def _check_ports(instruments: list[Instrument], document: Document, problems: li
         if other is not item and (message := _conflict(item, other)):
             problems.append(Problem(document.mark((*item.path, "port")), message))
     real = [item for item in instruments if not item.simulated]
+    if not real and document.data.get("clock"):
+        message = (
+            "a virtual bench has no wall to run along: leave 'clock:' out. It belongs to fogbench simulate's ports."
+        )
+        problems.append(Problem(document.mark(("clock",), key=True), message))
     if real and len(real) < len(instruments):
         names = ", ".join(item.where for item in real)
         mark = document.mark((*real[0].path, "port"))

@@ -57,10 +57,19 @@ class Checked:
         return sum(step.point is not None for step in self.plan)
 
 
-def check(procedure_path: Path, bench_path: Path, overrides: Sequence[Override] = ()) -> Checked:
-    """Check a procedure against a bench. Raises InvalidFiles with every mistake found."""
-    procedure, problems = parse_procedure(procedure_path, editor(overrides, "procedure"))
-    bench, bench_problems = load_bench(bench_path, editor(overrides, "bench"))
+def check(
+    procedure_path: Path,
+    bench_path: Path,
+    overrides: Sequence[Override] = (),
+    included: Sequence[Path] = (),
+    beside: Path | None = None,
+) -> Checked:
+    """Check a procedure against a bench. Raises InvalidFiles with every mistake found.
+
+    For copies in a run folder `included` are those of the included files, and `beside` is the folder of declarations.
+    """
+    procedure, problems = parse_procedure(procedure_path, editor(overrides, "procedure"), recorded=included)
+    bench, bench_problems = load_bench(bench_path, editor(overrides, "bench"), beside)
     plan: list[PlannedStep] = []
     if procedure:
         plan, sweep_problems = expand(procedure.steps)

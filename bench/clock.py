@@ -5,12 +5,18 @@ On a virtual bench it is a simpy environment that moves only while somebody wait
 
 from __future__ import annotations
 
-import threading
 import time
+from collections.abc import Callable
 from datetime import UTC, datetime
+from pathlib import Path
 from typing import Any, Protocol
 
 from bench.errors import Interrupted
+
+# How long a pause idles before it looks again.
+IDLE_S = 0.05
+# How often a waiting process looks whether it shall stop, and shows that it is alive.
+LOOK_S = 0.1
 
 
 class Clock(Protocol):
@@ -30,25 +36,43 @@ class Clock(Protocol):
         """Return after `seconds` of bench time; at once if not positive."""
         ...
 
+    def idle(self) -> None:
+        """Pass a moment of the wall while nothing shall happen on the bench: a pause stops virtual time."""
+        ...
+
 
 class StopRequest:
-    """Asks whoever waits on a clock to stop; set from a signal handler."""
+    """Asks whoever waits on a clock to stop; set from a signal handler or another thread.
+
+    A plain flag that is looked at, not an Event: setting an Event takes a lock that the interrupted thread may hold.
+    """
 
     def __init__(self) -> None:
-        self._asked = threading.Event()
+        self._asked = False
+        self.alive: Callable[[], None] = lambda: None
 
     def ask(self) -> None:
         """Make the present or next wait raise Interrupted."""
-        self._asked.set()
+        self._asked = True
 
     def forget(self) -> None:
         """Let waits go on, for bringing the bench to its safe state."""
-        self._asked.clear()
+        self._asked = False
 
     def wait(self, seconds: float) -> None:
-        """Wait on the wall until asked or `seconds` have passed; then raise Interrupted if asked."""
-        if self._asked.wait(seconds):
-            raise Interrupted("stopped on request")
+        """Wait on the wall until asked or `seconds` have passed; then raise Interrupted if asked.
+
+        `alive` is called at least every LOOK_S, for whoever has to know that this process does not hang.
+        """
+        end = time.monotonic() + seconds
+        while True:
+            self.alive()
+            if self._asked:
+                raise Interrupted("stopped on request")
+            left = end - time.monotonic()
+            if left <= 0.0:
+                return
+            time.sleep(min(left, LOOK_S))
 
 
 class VirtualClock:
@@ -70,26 +94,40 @@ class VirtualClock:
             self._env.run(until=end)
         self.stop.wait(0.0)
 
+    def idle(self) -> None:
+        self.stop.wait(IDLE_S)
+
 
 class WallClock:
-    """Bench time of a real bench; immune to steps of the host's calendar clock."""
+    """Bench time of a real bench; immune to steps of the host's calendar clock.
+
+    With live simulators bench time is the wall's times their `speed`.
+    """
 
     virtual = False
 
-    def __init__(self) -> None:
-        self._start = time.monotonic()
+    def __init__(self, start_s: float = 0.0, speed: float = 1.0) -> None:
+        self._start, self._start_s, self._speed = time.monotonic(), start_s, speed
         self.stop = StopRequest()
 
     def now(self) -> float:
-        return time.monotonic() - self._start
+        return self._start_s + (time.monotonic() - self._start) * self._speed
 
     def wait(self, seconds: float) -> None:
-        self.stop.wait(max(seconds, 0.0))
+        self.stop.wait(max(seconds, 0.0) / self._speed)
+
+    def idle(self) -> None:
+        self.stop.wait(IDLE_S)
 
 
 def utc_now() -> str:
     """The host's calendar time, for provenance only, e.g. '2026-11-22T08:44:00Z'."""
     return datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+
+
+def seconds_since_changed(path: Path) -> float:
+    """Calendar seconds since a file was last written; never negative, whatever the host's clock did meanwhile."""
+    return max(0.0, time.time() - path.stat().st_mtime)
 
 
 def stopwatch() -> float:

@@ -7,19 +7,24 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from importlib.metadata import entry_points
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
-from pydantic import BaseModel
+from can import CanError
 
 from bench.benchfile import SIMULATED_CAN, Bench, CanPort, Instrument
 from bench.clock import Clock, VirtualClock, WallClock
-from bench.errors import BenchFailure, InvalidFiles, Problem, did_you_mean
-from bench.fields import model_of, refused, validate, validate_dataclass
+from bench.errors import BenchFailure, InvalidFiles, Problem, UserMistake, did_you_mean
+from bench.faultfile import read_faults, without_faults
+from bench.fields import changed, model_of, refused, validate, validate_dataclass
 from bench.station import Station, open_station
 from bench.yamlfile import Path_
+from simulated_hw.live import LiveBench
+from simulated_hw.live import LiveOptions as LiveOptions
 from simulated_hw.world import (
+    FAULTS,
     GYRO_CLASSES,
     ChamberParameters,
+    FaultSpec,
     GyroParameters,
     InstrumentSpec,
     SiteParameters,
@@ -27,6 +32,7 @@ from simulated_hw.world import (
     World,
     WorldError,
     WorldSpec,
+    faults_of,
     gyro_class,
 )
 
@@ -34,7 +40,7 @@ from simulated_hw.world import (
 REHEARSED_RATE_HZ = 1.0
 DEFAULT_GYRO_CLASS = "ts_a"
 SIMULATORS = "fogbench.simulators"
-SIMULATION_KEYS = ("seed", "chamber", "rate_table", "duts")
+SIMULATION_KEYS = ("seed", "chamber", "rate_table", "duts", "faults")
 
 
 def seed_of(bench: Bench) -> int:
@@ -51,13 +57,18 @@ def check_simulation(bench: Bench) -> list[Problem]:
 
 
 @contextmanager
-def open_bench(bench: Bench, seed: int, truth_dir: Path | None) -> Iterator[tuple[Station, Clock]]:
-    """Open a bench, real or virtual, for a run. Raises BenchFailure; closes everything on the way out."""
+def open_bench(
+    bench: Bench, seed: int, truth_dir: Path | None, start_s: float = 0.0
+) -> Iterator[tuple[Station, Clock]]:
+    """Open a bench, real or virtual, for a run whose clock begins at `start_s`.
+
+    Raises BenchFailure; closes everything on the way out. A virtual bench begins at rest and at room temperature.
+    """
     if bench.virtual:
-        with _simulated(bench, seed, truth_dir) as opened:
+        with _simulated(bench, seed, truth_dir, start_s) as opened:
             yield opened
         return
-    clock = WallClock()
+    clock = WallClock(start_s, bench.file.clock.speed)
     station = open_station(bench, clock)
     try:
         yield station, clock
@@ -73,28 +84,89 @@ def open_rehearsal(bench: Bench, seed: int) -> Iterator[tuple[Station, Clock]]:
 
 
 def rehearsed(bench: Bench) -> Bench:
-    """The bench with simulated ports instead of its own, and slow gyros."""
-    duts = {serial: _rehearsed(item) for serial, item in bench.duts.items()}
+    """The bench with simulated ports instead of its own, slow gyros, and no faults."""
+    wired = _rewired(bench, "rehearsal")
+    duts = {
+        serial: dataclasses.replace(item, settings=dataclasses.replace(item.settings, data_rate_hz=REHEARSED_RATE_HZ))
+        for serial, item in wired.duts.items()
+    }
+    return without_faults(dataclasses.replace(wired, duts=duts))
+
+
+def _rewired(bench: Bench, name: str) -> Bench:
+    """The bench with a simulated port of its own for every instrument."""
+
+    def wired(item: Instrument) -> Instrument:
+        if isinstance(item.port, CanPort):
+            channel = f"{name}-{item.name}"
+            port: str | CanPort = item.port.model_copy(update={"interface": SIMULATED_CAN, "channel": channel})
+        else:
+            port = f"sim://{name}-{item.role}-{item.name}".replace(" ", "-")
+        return dataclasses.replace(item, port=port)
+
+    duts = {serial: wired(item) for serial, item in bench.duts.items()}
     chamber, table = bench.chamber, bench.rate_table
-    return dataclasses.replace(
-        bench, chamber=chamber and _rehearsed(chamber), rate_table=table and _rehearsed(table), duts=duts
-    )
+    return dataclasses.replace(bench, chamber=chamber and wired(chamber), rate_table=table and wired(table), duts=duts)
 
 
-def _rehearsed(item: Instrument) -> Instrument:
-    if isinstance(item.port, CanPort):
-        port: str | CanPort = CanPort.model_construct(interface=SIMULATED_CAN, channel=f"rehearsal-{item.name}")
-    else:
-        port = f"sim://rehearsal-{item.role}-{item.name}".replace(" ", "-")
-    settings = item.settings
-    if item.role == "dut":
-        settings = dataclasses.replace(settings, data_rate_hz=REHEARSED_RATE_HZ)
-    return dataclasses.replace(item, port=port, settings=settings)
+LivePorts = dict[Path_, str | dict[str, Any]]
 
 
 @contextmanager
-def _simulated(bench: Bench, seed: int, truth_dir: Path | None) -> Iterator[tuple[Station, Clock]]:
-    world = World(_world_spec(bench, seed), truth_dir)
+def open_live(
+    bench: Bench,
+    seed: int,
+    options: LiveOptions,
+    truth_dir: Path | None,
+    truth_period_s: float,
+    tell: Callable[[str], None],
+) -> Iterator[tuple[LiveBench, LivePorts]]:
+    """Put the simulator of every instrument of a bench on a real port; time passes when it is told to serve.
+
+    Yields it, and what stands under `port:` to connect to each instrument. Raises UserMistake and BenchFailure.
+    """
+    wired = _rewired(bench, "live")
+    rates = {item.address: item.port.bitrate for item in wired.instruments if isinstance(item.port, CanPort)}
+    if options.can:
+        _check_identifiers(wired)
+    options = dataclasses.replace(options, bitrates=rates)
+    live = LiveBench(_world_spec(wired, seed), options, truth_dir, truth_period_s, tell)
+    try:
+        live.open()
+    except (WorldError, CanError, OSError, ValueError, TypeError, ImportError) as error:
+        raise BenchFailure(f"the live simulators cannot be started: {error}") from error
+    ports: LivePorts = {}
+    for item in wired.instruments:
+        address = live.addresses[item.address]
+        if isinstance(address, str):
+            ports[item.path] = address
+        else:
+            ports[item.path] = {"interface": address[0], "channel": address[1], "bitrate": rates[item.address]}
+    try:
+        yield live, ports
+    finally:
+        live.close()
+
+
+def _check_identifiers(bench: Bench) -> None:
+    """Gyros that are put on one bus need identifiers of their own."""
+    taken: dict[int, str] = {}
+    for item in bench.duts.values():
+        if isinstance(item.port, CanPort) and hasattr(item.driver_class, "can_id"):
+            number = item.driver_class.can_id(item.settings)
+            other = taken.setdefault(number, item.name)
+            if other != item.name:
+                raise UserMistake(
+                    f"{other} and {item.name} send the same identifier {number & 0x1FFFFFFF:X}; on one bus each needs "
+                    "its own (setting can_id). Without --can each gets an adapter of its own."
+                )
+
+
+@contextmanager
+def _simulated(
+    bench: Bench, seed: int, truth_dir: Path | None, start_s: float = 0.0
+) -> Iterator[tuple[Station, Clock]]:
+    world = World(_world_spec(bench, seed), truth_dir, start_s)
     try:
         world.open()
     except (WorldError, OSError) as error:
@@ -115,7 +187,7 @@ def _world_spec(bench: Bench, seed: int) -> WorldSpec:
     parameters = _parameters(bench, problems)
     if parameters is None:
         raise InvalidFiles(problems)
-    chamber, table, gyros = parameters
+    chamber, table, gyros, faults = parameters
     return WorldSpec(
         seed=seed,
         chamber=_spec(bench.chamber) if bench.chamber else None,
@@ -125,6 +197,7 @@ def _world_spec(bench: Bench, seed: int) -> WorldSpec:
         chamber_parameters=chamber,
         table_parameters=table,
         gyro_parameters=gyros,
+        faults=faults,
     )
 
 
@@ -132,7 +205,7 @@ def _spec(item: Instrument) -> InstrumentSpec:
     return InstrumentSpec(driver=item.driver, address=item.address, settings=item.settings_mapping)
 
 
-Parameters = tuple[ChamberParameters, TableParameters, dict[str, GyroParameters]]
+Parameters = tuple[ChamberParameters, TableParameters, dict[str, GyroParameters], tuple[FaultSpec, ...]]
 
 
 def _parameters(bench: Bench, problems: list[Problem]) -> Parameters | None:
@@ -155,7 +228,8 @@ def _parameters(bench: Bench, problems: list[Problem]) -> Parameters | None:
     gyros = {
         serial: _gyro(bench, serial, isinstance(given, dict) and serial in given, problems) for serial in bench.duts
     }
-    return None if problems else (chamber, table, {serial: gyro for serial, gyro in gyros.items() if gyro})
+    faults = tuple(FaultSpec(*fault) for fault in read_faults(bench, FAULTS, faults_of, problems))
+    return None if problems else (chamber, table, {serial: gyro for serial, gyro in gyros.items() if gyro}, faults)
 
 
 def _without_simulator(bench: Bench) -> list[Problem]:
@@ -198,7 +272,7 @@ def _gyro(bench: Bench, serial: str, given: bool, problems: list[Problem]) -> Gy
         problems.append(Problem(document.mark((*path, "data_rate")), message))
         return None
     try:
-        return _changed(gyro_class(name), values)
+        return changed(gyro_class(name), values)
     except ValueError as error:
         problems.append(refused(document, path, str(error)))
         return None
@@ -208,20 +282,3 @@ def _without_class(document: Any, serial: str) -> Any:
     duts = document.data["simulation"]["duts"]
     kept = {key: value for key, value in duts[serial].items() if key != "class"}
     return dataclasses.replace(document, data={"simulation": {"duts": {serial: kept}}})
-
-
-def _changed(preset: GyroParameters, values: BaseModel) -> GyroParameters:
-    return cast(GyroParameters, _replaced(preset, values))
-
-
-def _replaced(preset: Any, values: BaseModel) -> Any:
-    """The preset with the fields that were written replaced, nested ones field by field."""
-    changes: dict[str, Any] = {}
-    for name in values.model_fields_set:
-        value = getattr(values, name)
-        old = getattr(preset, name)
-        if isinstance(value, BaseModel):
-            changes[name] = _replaced(old, value)
-        else:
-            changes[name] = tuple(value) if isinstance(value, list) else value
-    return dataclasses.replace(preset, **changes)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from bench.analysis import Judged, analyse, judge_limits
 from bench.errors import BenchFailure, ExitCode, FogbenchError, Interrupted
 from bench.journal import Entry, load_journal
-from bench.manifest import manifest_of, sha256
+from bench.manifest import manifest_of, points_planned, sha256
 from bench.points import points_of, timeline_of, write_points, write_table
 from bench.procedure.language import Analysis
 from bench.runfolder import write_json
@@ -19,7 +19,11 @@ from bench.safe import NOT_SAFE
 if TYPE_CHECKING:
     import pandas as pd
 
-HASHED_FILES = ("procedure.yaml", "bench.yaml", "points.csv", "points.parquet", "residuals.parquet", "metrics.json")
+# Patterns of the files whose hashes the manifest has: all but the journal, which checks itself, and raw files likewise.
+HASHED_FILES = (
+    *("procedure.yaml", "bench.yaml", "included/*", "declarations/*", "points.csv", "points.parquet"),
+    *("timeline.parquet", "residuals.parquet", "metrics.json", "models/*/*.json"),
+)
 QUANTITIES = {"max_abs_dps": "largest error", "std_dps": "standard deviation"}
 ReportWriter = Callable[[Path], Any]
 
@@ -62,7 +66,8 @@ def conclude(
         metrics, notes = result["metrics"], result["notes"]
     judged = judge_limits(analysis, metrics, duts) if analysis else []
     outcome, code, message = _outcome(entries, points, judged, notes if analysis else [], failure)
-    files = {name: sha256(folder / name) for name in HASHED_FILES if (folder / name).is_file()}
+    hashed = [path for pattern in HASHED_FILES for path in sorted(folder.glob(pattern)) if path.is_file()]
+    files = {path.relative_to(folder).as_posix(): sha256(path) for path in hashed}
     manifest = manifest_of(entries, judged, outcome, code, files) | {"message": message, "notes": notes}
     write_json(folder / "manifest.json", manifest)
     if write_report:
@@ -95,7 +100,7 @@ def _outcome(
         return "ERROR", ExitCode.BENCH_FAILED, f"{failure}{warning}"
     reasons = [_in_words(item) for item in judged if not item.passed]
     failed = int((points["verdict"] == "fail").sum())
-    planned = entries[0]["points_planned"] * len(entries[0]["duts"])
+    planned = points_planned(entries) * len(entries[0]["duts"])
     reasons += [f"{failed} of {len(points)} points failed their quality limits"] if failed else []
     reasons += [f"{planned - len(points)} points were not measured"] if len(points) < planned else []
     reasons += list(dict.fromkeys(notes))
@@ -115,8 +120,8 @@ def _in_words(item: Judged) -> str:
 
 def failure_of(entries: Sequence[Entry]) -> FogbenchError | None:
     """How a run on disk failed, so that it can be folded again; None if it came to its end."""
-    end = next((entry for entry in reversed(entries) if entry["kind"] == "end"), None)
-    if end is None:
+    end = next((entry for entry in reversed(entries) if entry["kind"] in ("end", "resumed")), None)
+    if end is None or end["kind"] == "resumed":
         return BenchFailure("the run did not come to its end: its process died, or it still runs")
     if end["failure"] is None:
         return None

@@ -11,8 +11,9 @@ import numpy as np
 
 from bench.benchfile import Bench
 from bench.clock import Clock
-from bench.errors import BenchFailure
+from bench.errors import BenchFailure, FogbenchError
 from bench.journal import Log
+from bench.procedure.language import Guard
 from bench.procedure.plan import PlannedStep
 from bench.reduction import slope
 from bench.station import Gyro, Station
@@ -53,6 +54,15 @@ class Progress:
 Listener = Callable[[Progress], None]
 
 
+class Tripped(FogbenchError):
+    """Guards do not hold; `trips` are (guard, DUT or None, what was read), the most severe action first."""
+
+    def __init__(self, trips: Sequence[tuple[Guard, str | None, str]]) -> None:
+        severity = {"abort": 0, "hold": 1, "drop": 2}
+        self.trips = sorted(trips, key=lambda trip: severity[trip[0].action])
+        super().__init__("; ".join(f"guard '{guard.name}': {text}" for guard, _, text in self.trips))
+
+
 class Acquirer(Protocol):
     """How the acquire verb is carried out: for a record, or for a rehearsal that only lets the time pass."""
 
@@ -73,8 +83,13 @@ class Engine:
     acquirer: Acquirer
     listener: Listener = lambda progress: None
     watch_period_s: float = WATCH_PERIOD_S
+    before_step: Callable[[Engine, PlannedStep], None] = lambda engine, step: None
+    check_guards: Callable[[Engine], None] = lambda engine: None
+    on_trip: Callable[[Engine, PlannedStep, Tripped], None] | None = None
     readbacks: Readbacks = field(default_factory=Readbacks)
     history: dict[str, deque[tuple[float, float]]] = field(default_factory=dict)
+    heard_s: dict[str, float] = field(default_factory=dict)
+    silent_s: dict[str, float] = field(default_factory=dict)
     _step: PlannedStep | None = None
     _steps: int = 0
 
@@ -82,16 +97,35 @@ class Engine:
         """Run every step. Raises BenchFailure with the step's place if an instrument or a deadline fails."""
         self._steps = len(plan)
         for step in plan:
-            self._step = step
-            self.log.append("step", self.clock.now(), step=step.number, verb=step.verb, at=str(step.mark))
-            self.log.commit()
-            try:
-                self.steps[step.verb](self, step)
-            except DriverError as error:
-                raise BenchFailure(f"step {step.number} '{step.verb}' ({step.mark}): {error}") from error
+            while not self._carried_out(step):
+                continue
             self.log.append("done", self.clock.now(), step=step.number)
             self._tell(finished=True)
         self.log.commit()
+
+    def _carried_out(self, step: PlannedStep) -> bool:
+        """Carry out a step; False if a guard broke it off and the bench is ready for it once more."""
+        try:
+            self.before_step(self, step)
+            self.execute(step)
+        except Tripped as trip:
+            if self.on_trip is None:
+                raise
+            self.on_trip(self, step, trip)
+            return False
+        return True
+
+    def execute(self, step: PlannedStep, again: bool = False) -> None:
+        """Carry out one step; `again` if it was done before and only brings the bench back to where it was."""
+        self._step = step
+        repeated = {"again": True} if again else {}
+        self.log.append("step", self.clock.now(), step=step.number, verb=step.verb, at=str(step.mark), **repeated)
+        self.log.commit()
+        try:
+            self.check_guards(self)
+            self.steps[step.verb](self, step)
+        except DriverError as error:
+            raise BenchFailure(f"step {step.number} '{step.verb}' ({step.mark}): {error}") from error
 
     def _tell(self, finished: bool) -> None:
         if self._step is not None:
@@ -111,16 +145,18 @@ class Engine:
         return self.read_instruments()
 
     def heard(self, name: str, gyro: Gyro, batch: FrameBatch) -> None:
-        """Note the DUT temperature of a batch: the mean of its newest second."""
+        """Note the DUT temperature of a batch: the mean of its newest second; and for how long there was none."""
+        now = self.clock.now()
         if len(batch.index):
             newest = max(1, round(gyro.data_rate_hz))
             degc = float(np.mean(batch.temperature_degc[-newest:]))
-            now = self.clock.now()
             self.readbacks.dut_degc[name] = degc
+            self.heard_s[name] = now
             kept = self.history.setdefault(name, deque())
             kept.append((now, degc))
             while kept[0][0] < now - HISTORY_S:
                 kept.popleft()
+        self.silent_s[name] = now - self.heard_s.setdefault(name, now)
 
     def read_instruments(self) -> Readbacks:
         """Read chamber and table, log the readbacks."""
@@ -136,6 +172,7 @@ class Engine:
             fields |= {"rate_setpoint_dps": current.rate_setpoint_dps, "rate_dps": current.rate_dps}
         self.log.append("readback", now, **fields)
         self._tell(finished=False)
+        self.check_guards(self)
         return current
 
     def dut_slopes(self, over_s: float) -> dict[str, float] | None:

@@ -12,7 +12,7 @@ import functools
 import re
 import types
 import typing
-from typing import Annotated, Any, TypeVar, Union
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar, Union
 
 from pydantic import (
     BaseModel,
@@ -30,7 +30,11 @@ from bench.mistakes import keys_of, problems_of, sentence
 from bench.units import DIMENSIONS, parse_quantity, split_suffix
 from bench.yamlfile import Document, Path_
 
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
 Model = TypeVar("Model", bound=BaseModel)
+Settings = TypeVar("Settings", bound="DataclassInstance")
 
 
 def yaml_key(field: str) -> str:
@@ -139,6 +143,18 @@ def validate_dataclass(declared: type, document: Document, path: Path_, problems
     except ValueError as error:
         problems.append(refused(document, path, str(error)))
         return None
+
+
+def changed(preset: Settings, values: BaseModel) -> Settings:
+    """A settings dataclass with the fields that were written replaced, nested ones field by field."""
+    changes: dict[str, Any] = {}
+    for name in values.model_fields_set:
+        value = getattr(values, name)
+        if isinstance(value, BaseModel):
+            changes[name] = changed(getattr(preset, name), value)
+        else:
+            changes[name] = tuple(value) if isinstance(value, list) else value
+    return dataclasses.replace(preset, **changes)
 
 
 def refused(document: Document, path: Path_, text: str) -> Problem:

@@ -50,14 +50,33 @@ class MemoryLog:
 
 
 class Journal:
-    """Writer of a new journal file."""
+    """Writer of a journal file, new or continued."""
 
-    def __init__(self, path: Path, head: Entry) -> None:
-        """Create `path`, which must not exist, with its head record. Raises OSError."""
-        self._file: BinaryIO = path.open("xb")
-        self._number = 0
-        self.append("journal", 0.0, format=FORMAT, **head)
-        self.commit()
+    def __init__(self, file: BinaryIO, number: int) -> None:
+        self._file = file
+        self._number = number
+
+    @classmethod
+    def create(cls, path: Path, head: Entry) -> Journal:
+        """A new journal with its head record; `path` must not exist. Raises OSError."""
+        journal = cls(path.open("xb"), 0)
+        journal.append("journal", 0.0, format=FORMAT, **head)
+        journal.commit()
+        return journal
+
+    @classmethod
+    def reopen(cls, path: Path) -> Journal:
+        """Continue a journal behind its last whole record; a torn tail is cut off first, or it would swallow the next.
+
+        Raises JournalDamaged or OSError.
+        """
+        entries = load_journal(path)
+        whole = sum(len(line) + 1 for line in path.read_bytes().split(b"\n")[: len(entries)])
+        file = path.open("r+b")
+        file.truncate(whole)
+        file.seek(whole)
+        os.fsync(file.fileno())
+        return cls(file, len(entries))
 
     def append(self, kind: str, t_s: float, **fields: Any) -> None:
         """Add a record to the buffer. Raises ValueError for a value JSON cannot hold (NaN is one)."""

@@ -13,10 +13,24 @@ from typing import Any
 from bench.analysis import Judged
 from bench.check import Checked
 from bench.journal import Entry
+from bench.points import finished_rows
 
 PACKAGES = ("numpy", "scipy", "pandas", "pyarrow", "scikit-learn", "pyserial", "python-can", "simpy", "pydantic")
 # Kinds of journal records that a reader of the report wants to see.
-EVENT_KINDS = ("note", "warning", "error", "safe", "interrupted")
+EVENT_KINDS = (
+    "note",
+    "warning",
+    "error",
+    "safe",
+    "interrupted",
+    "resumed",
+    "paused",
+    "continued",
+    "guard",
+    "held",
+    "clear",
+    "dropped",
+)
 
 
 def head_of(checked: Checked, run_id: str, seed: int, overrides: Sequence[str], started_utc: str) -> Entry:
@@ -57,23 +71,26 @@ def manifest_of(
     """The manifest as it is written to manifest.json."""
     head = {key: value for key, value in entries[0].items() if key not in ("n", "t_s", "kind", "format")}
     end: Entry = next((entry for entry in reversed(entries) if entry["kind"] == "end"), {})
-    points = {entry["row"]["point"] for entry in entries if entry["kind"] == "point"}
+    points = {row["point"] for row in finished_rows(entries)}
+    ends = [entry for entry in entries if entry["kind"] == "end"]
     identities: Entry = next((entry for entry in entries if entry["kind"] == "identities"), {})
     for serial, about in head["duts"].items():
         about["describe"] = identities.get("found", {}).get(serial, "")
     return {
         **head,
+        "points_planned": points_planned(entries),
         "ended_utc": end.get("ended_utc"),
         "outcome": outcome,
         "exit_code": exit_code,
         "duration_s": entries[-1]["t_s"],
-        "wall_s": end.get("wall_s"),
+        "wall_s": sum(entry["wall_s"] for entry in ends) if ends else None,
+        "attempts": 1 + sum(entry["kind"] == "resumed" for entry in entries),
         "points_measured": len(points),
         "identities": identities.get("found", {}),
         "limits": [{**asdict(item), "passed": item.passed} for item in judged],
-        "data_quality": end.get("losses", {}),
+        "data_quality": _total_losses(ends),
         "events": [
-            {"t_s": entry["t_s"], "kind": entry["kind"], "text": _event_text(entry)}
+            {"t_s": entry["t_s"], "kind": entry["kind"], "text": event_text(entry)}
             for entry in entries
             if entry["kind"] in EVENT_KINDS
         ],
@@ -81,7 +98,24 @@ def manifest_of(
     }
 
 
-def _event_text(entry: Entry) -> str:
+def points_planned(entries: Sequence[Entry]) -> int:
+    """Conditions to be measured by the plan as it is now; a resumed run may have accepted another."""
+    return next(int(entry["points_planned"]) for entry in reversed(entries) if "points_planned" in entry)
+
+
+def _total_losses(ends: Sequence[Entry]) -> dict[str, dict[str, int]]:
+    """Losses of every DUT over all attempts of the run."""
+    total: dict[str, dict[str, int]] = {}
+    for end in ends:
+        for dut, losses in end["losses"].items():
+            mine = total.setdefault(dut, dict.fromkeys(losses, 0))
+            for name, count in losses.items():
+                mine[name] += count
+    return total
+
+
+def event_text(entry: Entry) -> str:
+    """What an event says, with the instrument it is about."""
     instrument = f"{entry['instrument']}: " if "instrument" in entry else ""
     return f"{instrument}{entry.get('text', '')}"
 

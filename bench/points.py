@@ -121,8 +121,12 @@ def _rounded(key: str, value: Any) -> Any:
         return value
     if not math.isfinite(value):
         return None
-    digits = max((d for suffix, d in _DIGITS.items() if key.endswith(suffix)), default=9)
-    return round(value, digits)
+    return round(value, digits_of(key))
+
+
+def digits_of(column: str) -> int:
+    """Digits kept behind the point in a column."""
+    return max((digits for suffix, digits in _DIGITS.items() if column.endswith(suffix)), default=9)
 
 
 def judge(row: Row, frames: FrameBatch, planned_samples: int, planned_frames: int, quality: Quality) -> tuple[str, str]:
@@ -162,11 +166,26 @@ def _certain_slope(row: Row) -> float:
     return 0.0 if slope is None or u is None else max(0.0, abs(slope) - 2.0 * u)
 
 
+def finished_rows(entries: Iterable[Entry]) -> list[Row]:
+    """The rows of acquisitions that were finished; those of one that was broken off are dropped, never mixed."""
+    rows: list[Row] = []
+    pending: list[Row] = []
+    for entry in entries:
+        if entry["kind"] == "point":
+            pending.append(entry["row"])
+        elif entry["kind"] == "done":
+            rows += pending
+            pending = []
+        elif entry["kind"] in ("step", "resumed"):
+            pending = []
+    return rows
+
+
 def points_of(entries: Iterable[Entry]) -> pd.DataFrame:
     """The points of a journal in the order measured (a fold of it)."""
     import pandas as pd
 
-    rows = [entry["row"] for entry in entries if entry["kind"] == "point"]
+    rows = finished_rows(entries)
     table = pd.DataFrame(rows, columns=list(COLUMNS))
     whole = {"point", "dwell", "samples", "frames", "frames_lost", "duplicates", "bad_checksum", "skipped_bytes"}
     whole |= {"resyncs", "outliers"}

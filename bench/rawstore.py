@@ -2,10 +2,15 @@
 
 Sampling never waits for the disk: a writer thread with a bounded queue writes `.tmp`, syncs, renames. Columns are kept
 as they came on the wire (counts or float32) with the scale in the file's metadata.
+
+Two things make damage visible later: a checksum on every page, which any Parquet reader can check, and, because a
+footer has none, a digest of the whole file in its metadata: that of the file with 64 zeros in the digest's place.
 """
 
 from __future__ import annotations
 
+import hashlib
+import io
 import json
 import os
 import queue
@@ -18,10 +23,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.errors import BenchFailure
+from bench.errors import BenchFailure, FogbenchError
 from bench.runfolder import sync_folder
 
 QUEUE_LENGTH = 16
+WRITERS = 2
+
+# Keys of a file's metadata: what the columns are (JSON), and the digest of the file, SHA-256 in hexadecimal digits.
+ABOUT, DIGEST = b"fogbench", b"fogbench.sha256"
+# Between key and value in the footer: field 2 of KeyValue, a string (0x18) of 64 bytes (Thrift compact protocol).
+_BEFORE_VALUE = b"\x18\x40"
+_NO_DIGEST = b"0" * 64
 
 # Noise in float32 compresses byte plane by byte plane; counters and indices are differences of one.
 _BYTE_PLANES = (np.dtype("f4"), np.dtype("f8"))
@@ -36,8 +48,12 @@ class RawFile:
     metadata: Mapping[str, Any]
 
 
+class RawFileDamaged(FogbenchError):
+    """A raw file that is not what was written; the message is the reason."""
+
+
 class RawStore:
-    """Writer thread for `RawFile`s under one folder."""
+    """Writer threads for `RawFile`s under one folder, one for each core a small bench PC has."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
@@ -45,8 +61,12 @@ class RawStore:
         self._queue: queue.Queue[RawFile | None] = queue.Queue(QUEUE_LENGTH)
         self._error: Exception | None = None
         self.deepest = 0
-        self._thread = threading.Thread(target=self._write_all, name="raw-store", daemon=True)
-        self._thread.start()
+        self._threads = [
+            threading.Thread(target=self._write_all, name=f"raw-store-{number}", daemon=True)
+            for number in range(WRITERS)
+        ]
+        for thread in self._threads:
+            thread.start()
 
     def put(self, raw: RawFile) -> None:
         """Hand over one file. Raises BenchFailure if an earlier one could not be written."""
@@ -54,11 +74,18 @@ class RawStore:
         self._queue.put(raw)
         self.deepest = max(self.deepest, self._queue.qsize())
 
+    def flush(self) -> None:
+        """Wait for everything to be on disk: a point is finished when its raw files are. Raises BenchFailure."""
+        self._queue.join()
+        self._raise_if_failed()
+
     def close(self) -> None:
-        """Wait for everything to be on disk. Raises BenchFailure if something is not."""
-        if self._thread.is_alive():
-            self._queue.put(None)
-            self._thread.join()
+        """Write what is left and end the threads. Raises BenchFailure if something is not on disk."""
+        for thread in self._threads:
+            if thread.is_alive():
+                self._queue.put(None)
+        for thread in self._threads:
+            thread.join()
         self._raise_if_failed()
 
     def _raise_if_failed(self) -> None:
@@ -69,38 +96,78 @@ class RawStore:
             ) from self._error
 
     def _write_all(self) -> None:
-        while (raw := self._queue.get()) is not None:
-            if self._error is None:
-                try:
+        while True:
+            raw = self._queue.get()
+            try:
+                if raw is not None and self._error is None:
                     write_parquet(self._folder / raw.name, raw.columns, raw.metadata)
-                except Exception as error:
-                    # Surfaces at the next put or at close; the queue is drained so that nobody waits for it.
-                    self._error = error
+            except Exception as error:
+                # Surfaces at the next put, flush or close; the queue is drained so that nobody waits for it.
+                self._error = error
+            finally:
+                self._queue.task_done()
+            if raw is None:
+                return
 
 
 def write_parquet(path: Path, columns: Mapping[str, NDArray[Any]], metadata: Mapping[str, Any]) -> None:
     """Write one Parquet file durably. Raises OSError."""
+    data = _parquet(columns, json.dumps(dict(metadata), sort_keys=True).encode())
+    place = _digest_place(data)
+    data[place : place + len(_NO_DIGEST)] = hashlib.sha256(data).hexdigest().encode()
+    temporary = path.with_name(path.name + ".tmp")
+    with temporary.open("wb") as file:
+        file.write(data)
+        file.flush()
+        os.fsync(file.fileno())
+    temporary.replace(path)
+    sync_folder(path.parent)
+
+
+def _parquet(columns: Mapping[str, NDArray[Any]], about: bytes) -> bytearray:
+    """The bytes of a file, with zeros for its digest."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
     encodings = {name: _encoding(values.dtype) for name, values in columns.items()}
     table = pa.table({name: pa.array(values) for name, values in columns.items()})
-    table = table.replace_schema_metadata({b"fogbench": json.dumps(dict(metadata), sort_keys=True).encode()})
-    temporary = path.with_name(path.name + ".tmp")
-    with temporary.open("wb") as file:
-        pq.write_table(
-            table,
-            file,
-            compression="zstd",
-            compression_level=1,
-            use_dictionary=[name for name, encoding in encodings.items() if encoding is None],
-            column_encoding={name: encoding for name, encoding in encodings.items() if encoding},
-            write_statistics=False,
-        )
-        file.flush()
-        os.fsync(file.fileno())
-    temporary.replace(path)
-    sync_folder(path.parent)
+    buffer = io.BytesIO()
+    pq.write_table(
+        table.replace_schema_metadata({ABOUT: about, DIGEST: _NO_DIGEST}),
+        buffer,
+        compression="zstd",
+        compression_level=1,
+        use_dictionary=[name for name, encoding in encodings.items() if encoding is None],
+        column_encoding={name: encoding for name, encoding in encodings.items() if encoding},
+        write_statistics=False,
+        write_page_checksum=True,
+    )
+    return bytearray(buffer.getbuffer())
+
+
+def _digest_place(data: bytes | bytearray) -> int:
+    """Where the digest is in a file; RawFileDamaged if it is nowhere."""
+    key = data.rfind(DIGEST + _BEFORE_VALUE)
+    if key < 0:
+        raise RawFileDamaged("it has no digest of itself: it was changed, or not written by this fogbench")
+    return key + len(DIGEST + _BEFORE_VALUE)
+
+
+def read_parquet(path: Path) -> RawFile:
+    """Read a file of `write_parquet` if it is to the last bit what was written. Raises RawFileDamaged, OSError."""
+    import pyarrow.parquet as pq
+
+    if not path.is_file():
+        raise RawFileDamaged("it is not there, or not a regular file")
+    data = bytearray(path.read_bytes())
+    place = slice(_digest_place(data), _digest_place(data) + len(_NO_DIGEST))
+    stored, data[place] = bytes(data[place]), _NO_DIGEST
+    if stored != hashlib.sha256(data).hexdigest().encode():
+        raise RawFileDamaged("it does not match the digest in it: it was changed after it was written")
+    with pq.ParquetFile(io.BytesIO(data), page_checksum_verification=True) as file:
+        table = file.read(use_threads=False)
+    columns = {name: table[name].to_numpy() for name in table.column_names}
+    return RawFile(path.name, columns, json.loads(table.schema.metadata[ABOUT]))
 
 
 def _encoding(dtype: np.dtype[Any]) -> str | None:

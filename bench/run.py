@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
@@ -12,16 +13,22 @@ from bench.check import Checked, check
 from bench.clock import Clock, StopRequest, stopwatch, utc_now
 from bench.composition import open_bench, seed_of
 from bench.conclude import ReportWriter, RunEnd, conclude
+from bench.control import Control
 from bench.earth import earth_rate_dps
 from bench.engine import Engine, Listener
 from bench.errors import BenchFailure, FogbenchError, Interrupted, UserMistake
 from bench.forecast import Forecast, rehearse
-from bench.journal import Journal
-from bench.manifest import head_of
+from bench.guardian import FILE as GUARDIAN_FILE
+from bench.guardian import Guardian
+from bench.guards import checker, guards_of, responder
+from bench.journal import Entry, Journal, load_journal
+from bench.locks import port_locks, run_lock
+from bench.manifest import head_of, sha256
 from bench.overrides import Override
 from bench.rawstore import RawStore
-from bench.runfolder import copy_into, new_run_folder
-from bench.safe import make_safe
+from bench.resumption import Interruption, pauser, reestablish
+from bench.runfolder import DECLARATIONS, INCLUDED, copy_into, new_run_folder, sync_folder
+from bench.safe import NOT_SAFE, make_safe
 from bench.station import Station, check_reach, energise
 from bench.steps import STEPS
 from drivers.errors import DriverError
@@ -42,14 +49,25 @@ class RunRequest:
 
 
 @dataclass(frozen=True)
-class Prepared:
-    """A run that may begin: checked, rehearsed, named; nothing was touched yet."""
+class Resumed:
+    """The earlier part of a run that goes on: where it stopped, for how long it stood, and which attempt this is."""
 
-    request: RunRequest
-    checked: Checked
+    stop: Interruption
+    gap_s: float
+    attempt: int
+    accepted: str = ""
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """A run that may begin or go on: checked, rehearsed, named; nothing was touched yet."""
+
     folder: Path
+    checked: Checked
     seed: int
     forecast: Forecast
+    overrides: Sequence[Override] = ()
+    resumed: Resumed | None = None
 
 
 def prepare(request: RunRequest) -> Prepared:
@@ -61,7 +79,7 @@ def prepare(request: RunRequest) -> Prepared:
     folder = new_run_folder(request.results, run_id)
     _check_disk(request.results, checked.disk_bytes)
     seed = request.seed if request.seed is not None else seed_of(checked.bench)
-    return Prepared(request, checked, folder, seed, rehearse(checked, seed))
+    return Prepared(folder, checked, seed, rehearse(checked, seed), request.overrides)
 
 
 def _check_disk(results: Path, needed: float) -> None:
@@ -84,53 +102,142 @@ def run(
 
     `on_stop` gets the handle with which a signal handler may ask the run to end in order.
     """
-    checked, folder = prepared.checked, prepared.folder
-    truth_dir = prepared.request.results / TRUTH_FOLDER / folder.name if checked.bench.virtual else None
-    with open_bench(checked.bench, prepared.seed, truth_dir) as (station, clock):
+    checked, folder, resumed = prepared.checked, prepared.folder, prepared.resumed
+    start_s = resumed.stop.at_s + resumed.gap_s if resumed else 0.0
+    real_ports = [item.address for item in checked.bench.instruments if not item.simulated]
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    with (
+        run_lock(folder),
+        port_locks(real_ports, folder.name),
+        open_bench(checked.bench, prepared.seed, _truth_dir(prepared), start_s) as (station, clock),
+    ):
         on_stop(clock.stop)
         check_reach(station, checked.plan)
-        journal = _begin(prepared, station, clock)
+        journal = _go_on(prepared, station, clock) if resumed else _begin(prepared, station, clock)
+        control = Control(folder, clock.stop)
+        guardian = None if clock.virtual else Guardian(folder)
+        if guardian:
+            clock.stop.alive = guardian.beat
         try:
-            failure = _execute(prepared, station, clock, journal, listener)
+            failure = _execute(prepared, station, clock, journal, control, listener)
         finally:
+            control.close()
             journal.close()
+            if guardian:
+                _let_go(guardian, load_journal(folder / "journal.jsonl"))
     return conclude(folder, checked.head.analysis, failure, write_report)
 
 
-def _begin(prepared: Prepared, station: Station, clock: Clock) -> Journal:
-    """Create the run folder with the copies and the head of the journal."""
-    folder, checked = prepared.folder, prepared.checked
+def _let_go(guardian: Guardian, entries: Sequence[Entry]) -> None:
+    """Dismiss the guardian if the bench was left safe; else it goes on where this process gives up."""
+    safe = [entry["text"] for entry in entries if entry["kind"] == "safe"]
+    if safe and not any(text.startswith(NOT_SAFE) for text in safe[-2:]):
+        guardian.dismiss()
+    else:
+        guardian.leave()
+
+
+def _truth_dir(prepared: Prepared) -> Path | None:
+    """Where the simulators of this attempt log the truth, out of the run folder; None on a real bench."""
+    if not prepared.checked.bench.virtual:
+        return None
+    folder = prepared.folder.parent / TRUTH_FOLDER / prepared.folder.name
+    return folder / f"attempt-{prepared.resumed.attempt}" if prepared.resumed else folder
+
+
+def _go_on(prepared: Prepared, station: Station, clock: Clock) -> Journal:
+    """Continue the journal of a run that stopped."""
+    resumed = prepared.resumed
+    assert resumed is not None
     try:
-        folder.mkdir(parents=True)
-        copy_into(folder, "procedure.yaml", prepared.request.procedure)
-        copy_into(folder, "bench.yaml", prepared.request.bench)
-        for number, path in enumerate(checked.procedure.included, start=1):
-            copy_into(folder, f"included/{number:02d}-{path.name}", path)
-        for path in checked.bench.declaration_files:
-            copy_into(folder, f"declarations/{path.name}", path)
-        overrides = [item.text for item in prepared.request.overrides]
-        head = head_of(checked, folder.name, prepared.seed, overrides, utc_now())
-        journal = Journal(folder / "journal.jsonl", head)
+        journal = Journal.reopen(prepared.folder / "journal.jsonl")
     except OSError as error:
-        raise BenchFailure(f"{folder}: the run folder could not be written: {error}. Nothing was started.") from error
+        raise BenchFailure(f"{prepared.folder}: its journal cannot be continued: {error}") from error
+    dropped = f", {resumed.stop.dropped} rows of a broken-off acquisition dropped" if resumed.stop.dropped else ""
+    text = f"attempt {resumed.attempt}, {resumed.stop.next_step} steps done{dropped}; the gap was {resumed.gap_s:.0f} s"
+    planned = prepared.checked.points
+    journal.append(
+        "resumed",
+        clock.now(),
+        text=f"{text}{resumed.accepted}",
+        gap_s=resumed.gap_s,
+        attempt=resumed.attempt,
+        utc=utc_now(),
+        points_planned=planned,
+        procedure={"sha256": sha256(prepared.folder / "procedure.yaml")},
+        bench={"sha256": sha256(prepared.folder / "bench.yaml")},
+    )
     journal.append("identities", clock.now(), found=station.identities)
-    journal.append("forecast", clock.now(), duration_s=prepared.forecast.duration_s, failure=prepared.forecast.failure)
+    _take_note_of_guardian(prepared.folder, journal, clock)
     return journal
 
 
+def _take_note_of_guardian(folder: Path, journal: Journal, clock: Clock) -> None:
+    """Put what the guardian did after the last attempt into the journal."""
+    path = folder / GUARDIAN_FILE
+    if path.is_file():
+        try:
+            about = json.loads(path.read_text(encoding="utf-8"))
+            text = f"the guardian acted at {about['utc']} because {about['why']}: {'; '.join(about['done'])}"
+        except (OSError, ValueError, KeyError, TypeError, RecursionError):
+            text = f"the guardian acted, but {GUARDIAN_FILE} cannot be read"
+        journal.append("safe", clock.now(), instrument="guardian", text=text)
+        path.unlink()
+
+
+def _begin(prepared: Prepared, station: Station, clock: Clock) -> Journal:
+    """Create the run folder with the copies and the head of the journal; it appears whole or not at all."""
+    folder, checked = prepared.folder, prepared.checked
+    growing = folder.with_name(f".{folder.name}.new")
+    try:
+        shutil.rmtree(growing, ignore_errors=True)
+        growing.mkdir(parents=True)
+        record_files(growing, checked)
+        overrides = [item.text for item in prepared.overrides]
+        head = head_of(checked, folder.name, prepared.seed, overrides, utc_now())
+        journal = Journal.create(growing / "journal.jsonl", head)
+        growing.rename(folder)
+        sync_folder(folder.parent)
+    except OSError as error:
+        raise BenchFailure(f"{folder}: the run folder could not be written: {error}. Nothing was started.") from error
+    journal.append("identities", clock.now(), found=station.identities)
+    forecast = prepared.forecast
+    ends_s = [round(end, 1) for end in forecast.ends_s]
+    journal.append("forecast", clock.now(), duration_s=forecast.duration_s, failure=forecast.failure, ends_s=ends_s)
+    return journal
+
+
+def record_files(folder: Path, checked: Checked, kinds: Sequence[str] = ("procedure", "bench")) -> None:
+    """Copy procedure and bench file, with what they refer to, into the run folder. Raises OSError."""
+    if "procedure" in kinds:
+        copy_into(folder, "procedure.yaml", Path(checked.procedure.document.file))
+        for number, path in enumerate(checked.procedure.included, start=1):
+            copy_into(folder, f"{INCLUDED}/{number:04d}-{path.name}", path)
+    if "bench" in kinds:
+        copy_into(folder, "bench.yaml", Path(checked.bench.document.file))
+        for path in checked.bench.declaration_files:
+            copy_into(folder, f"{DECLARATIONS}/{path.name}", path)
+
+
 def _execute(
-    prepared: Prepared, station: Station, clock: Clock, journal: Journal, listener: Listener
+    prepared: Prepared, station: Station, clock: Clock, journal: Journal, control: Control, listener: Listener
 ) -> FogbenchError | None:
     """Run the plan and leave the bench safe; how it failed, or None."""
     checked, began = prepared.checked, stopwatch()
     store = RawStore(prepared.folder / "raw")
     earth = earth_rate_dps(checked.bench.file.site.latitude_deg)
-    acquirer = RecordingAcquirer(checked.head.quality, earth, checked.head.raw, store.put)
+    acquirer = RecordingAcquirer(checked.head.quality, earth, checked.head.raw, store)
     engine = Engine(STEPS, checked.bench, station, clock, journal, acquirer, listener)
     failure: FogbenchError | None = None
     try:
         energise(station, clock)
-        engine.run(checked.plan)
+        plan, policy = checked.plan, checked.head.resume
+        guards = guards_of(checked.bench.file.guards, checked.head.guards)
+        engine.before_step = pauser(control, plan, policy)
+        engine.check_guards, engine.on_trip = checker(guards), responder(guards, plan, policy)
+        if prepared.resumed:
+            plan = reestablish(engine, plan, prepared.resumed.stop, prepared.resumed.gap_s, policy)
+        engine.run(plan)
     except Interrupted as error:
         failure = error
         journal.append("interrupted", clock.now(), text="asked to stop; bringing the bench to its safe state")
@@ -139,6 +246,7 @@ def _execute(
         journal.append("error", clock.now(), text=str(error))
     finally:
         clock.stop.forget()
+        engine.check_guards = lambda engine: None
         unsafe = make_safe(engine)
     try:
         store.close()

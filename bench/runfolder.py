@@ -12,6 +12,8 @@ from typing import Any
 
 from bench.errors import UserMistake
 
+# Folders of a run folder with copies of what procedure and bench file refer to.
+INCLUDED, DECLARATIONS = "included", "declarations"
 RUN_ID = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,127}")
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
@@ -13,7 +13,7 @@ from bench.errors import BenchFailure
 from bench.procedure.language import RampTemperature, SetTemperature
 from bench.procedure.plan import PlannedStep
 from drivers.can_ports import open_can, open_can_source
-from drivers.codecs.batch import FrameBatch, Quantity
+from drivers.codecs.batch import FrameBatch, Meaning
 from drivers.codecs.counters import Losses
 from drivers.errors import DriverError, Refused
 from drivers.ports import open_byte_source, open_serial
@@ -65,7 +65,7 @@ class Gyro(Protocol):
     def complaint(self) -> str | None: ...
 
     @property
-    def quantities(self) -> Mapping[str, Quantity]: ...
+    def meaning(self) -> Meaning: ...
 
 
 @dataclass
@@ -158,6 +158,28 @@ def _open(station: Station, instrument: Instrument, clock: Clock) -> None:
         station.chamber = driver
     else:
         station.table = driver
+
+
+def open_commanded(bench: Bench, clock: Clock) -> tuple[Station, list[str]]:
+    """Open what can be opened of chamber and table and is what it should be; and what failed.
+
+    Each is asked who it is before it is commanded: a port may by now lead to something else.
+    """
+    station, failures = Station(), []
+    for instrument in (bench.rate_table, bench.chamber):
+        if instrument is not None:
+            try:
+                _open(station, instrument, clock)
+                driver = station.chamber if instrument.role == "chamber" else station.table
+                assert driver is not None
+                driver.identify()
+            except DriverError as error:
+                failures.append(str(error))
+                if instrument.role == "chamber":
+                    station.chamber = None
+                else:
+                    station.table = None
+    return station, failures
 
 
 def _identify(station: Station, bench: Bench) -> None:

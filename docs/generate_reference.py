@@ -20,6 +20,8 @@ from bench.benchfile import DRIVER_GROUPS, BenchFile
 from bench.fields import Quantity, YamlMapping, model_of, yaml_key
 from bench.procedure.language import SHORT_FORM, VERBS, ProcedureHead
 from bench.units import DIMENSIONS, split_suffix
+from simulated_hw.faults.kinds import FAULTS, faults_of
+from simulated_hw.faults.script import Condition, Script
 from simulated_hw.physics.gyro_parameters import GYRO_CLASSES, GyroParameters
 from simulated_hw.physics.parameters import ChamberParameters, TableParameters
 
@@ -58,13 +60,34 @@ def bench_page() -> str:
                 f"\n### `{point.name}` ({role.replace('_', ' ')})\n\n{_doc(settings)}\n\n{_fields(model_of(settings))}"
             )
     parts.append(
-        "\n## The `simulation:` block of a virtual bench\n\n`seed`, `chamber`, `rate_table` and `duts` by serial "
+        "\n## The `simulation:` block of a virtual bench\n\n`seed`, `chamber`, `rate_table`, `faults` and `duts` by "
     )
     parts.append(
-        f"number. A DUT starts from a `class` ({', '.join(GYRO_CLASSES)}), any number of which may be changed.\n"
+        f"serial number. A DUT starts from a `class` ({', '.join(GYRO_CLASSES)}), any number of which may be changed.\n"
     )
     for declared in (ChamberParameters, TableParameters, GyroParameters, *_nested(GyroParameters)):
         parts.append(f"\n### {declared.__name__}\n\n{_doc(declared)}\n\n{_fields(model_of(declared))}")
+    return "".join([*parts, _faults()])
+
+
+def _faults() -> str:
+    """The faults of the simulators, by name."""
+    on = {"a DUT": faults_of("dut"), "the chamber": faults_of("chamber"), "the rate table": faults_of("rate_table")}
+    parts = [
+        "\n## `faults:` of the simulation\n\nA list; each has a `name`, the instrument it is `on` (`chamber`, "
+        "`rate_table` or a DUT's serial number), the keys of its own below, and those that say when it is on:\n\n",
+        f"{_doc(Script)}\n\n{_fields(model_of(Script))}\n### Condition\n\n{_doc(Condition)}\n\n",
+        _fields(model_of(Condition)),
+    ]
+    shared = {field.name: field.default for field in dataclasses.fields(Script)}
+    for name, declared in FAULTS.items():
+        where = " or ".join(place for place, names in on.items() if name in names)
+        where += "" if name in faults_of("dut", can=True) or where != "a DUT" else " on a serial line"
+        head, line, *rows = _fields(model_of(declared)).splitlines(keepends=True)
+        fields = [(field.name, field.default) for field in dataclasses.fields(declared)]
+        own = [row for row, field in zip(rows, fields, strict=True) if field not in shared.items()]
+        table = "".join(["\n", head, line, *own]) if own else ""
+        parts.append(f"\n### `{name}`\n\nOn {where}. {_doc(declared)}\n{table}")
     return "".join(parts)
 
 

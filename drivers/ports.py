@@ -28,6 +28,8 @@ _READ_FAILURES: tuple[type[Exception], ...] = (*PORT_FAILURES, TypeError)
 
 # 64 MiB: half an hour of the fastest stream (36 bytes at 1 kHz) that nobody takes.
 BUFFER_BYTES = 64 << 20
+# What a reader takes at once from a port that does not say how much is waiting.
+_BLOCK_BYTES = 4096
 # How long the reader thread waits at a silent port before it looks whether it is to stop.
 _READER_WAIT_S = 0.2
 
@@ -179,9 +181,21 @@ class ThreadedSerialSource:
     def _drain(self) -> None:
         try:
             while not self._closing:
-                self._hold(self._port.read(self._port.in_waiting or 1))
+                self._hold(self._read())
         except _READ_FAILURES as error:
             self._failure = error
+
+    def _read(self) -> bytes:
+        """What is there; waits for the first byte of it."""
+        if not self.name.startswith("socket://"):
+            return self._port.read(self._port.in_waiting or 1)
+        # There pyserial's in_waiting is 0 or 1, whatever came in: byte by byte no reader keeps up with a 1 kHz stream.
+        first = self._port.read(1)
+        self._port.timeout = 0
+        try:
+            return first + (self._port.read(_BLOCK_BYTES) if first else b"")
+        finally:
+            self._port.timeout = _READER_WAIT_S
 
     def _hold(self, data: bytes) -> None:
         with self._lock:

@@ -1,7 +1,8 @@
 """The truth log of a simulated bench: what the product under test must find out, written where it cannot read it.
 
 truth.json holds every parameter and hidden draw; truth.csv one row a virtual minute. The plants remember their past, so
-the log wakes once an hour and asks for sixty rows at once; asking changes nothing in the world.
+the log wakes once an hour and asks for sixty rows at once; asking changes nothing in the world. On a live bench, which
+others watch, a row is written when it is due.
 """
 
 import json
@@ -36,8 +37,10 @@ class TruthLog:
         table: TablePlant,
         gyros: Mapping[str, GyroUnit],
         seed: int,
+        live_period_s: float | None = None,
     ) -> None:
-        """Raises OSError if the folder cannot be made or written."""
+        """live_period_s: a row this often, written at once. Raises OSError if the folder cannot be made or written."""
+        self._period_s, self._rows_per_write = (live_period_s, 1) if live_period_s else (_PERIOD_S, _ROWS_PER_WRITE)
         self._env, self._chamber, self._table, self._gyros = env, chamber, table, gyros
         folder.mkdir(parents=True, exist_ok=True)
         text = json.dumps(self._hidden(seed), indent=2, ensure_ascii=False)
@@ -45,7 +48,7 @@ class TruthLog:
         self._file: TextIO = (folder / "truth.csv").open("w", encoding="utf-8", newline="\n")
         columns = [*_COMMON, *(f"{name}:{serial}" for serial in gyros for name in _PER_DUT)]
         self._file.write(",".join(columns) + "\n")
-        self._rows = 0
+        self._rows = int(np.ceil(env.now / self._period_s))
         env.process(self._run())
 
     def _hidden(self, seed: int) -> dict[str, Any]:
@@ -71,15 +74,15 @@ class TruthLog:
 
     def _run(self) -> Generator[simpy.Event, Any, None]:
         while not self._file.closed:
-            yield self._env.timeout(_PERIOD_S * _ROWS_PER_WRITE)
+            yield self._env.timeout(self._period_s * self._rows_per_write)
             self._write()
 
     def _write(self) -> None:
         """Write all rows up to now that are not written yet."""
         if self._file.closed:
             return
-        end = int(self._env.now / _PERIOD_S) + 1
-        times_s = np.arange(self._rows, end, dtype=np.float64) * _PERIOD_S
+        end = int(self._env.now / self._period_s) + 1
+        times_s = np.arange(self._rows, end, dtype=np.float64) * self._period_s
         self._rows = end
         if len(times_s):
             table = np.stack([*self._common(times_s), *self._of_duts(times_s)], axis=1)

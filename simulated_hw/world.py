@@ -20,6 +20,8 @@ from typing import Any, cast
 import serial
 import simpy
 
+from simulated_hw.faults.install import Faults, Seen
+from simulated_hw.faults.kinds import FAULTS, FaultSpec, faults_of
 from simulated_hw.physics.chamber import ChamberPlant
 from simulated_hw.physics.gyro import GyroUnit, earth_rate_dps
 from simulated_hw.physics.gyro_parameters import GYRO_CLASSES, GyroParameters, gyro_class
@@ -29,8 +31,10 @@ from simulated_hw.truth import TruthLog
 from simulated_hw.wire import switchboard
 
 __all__ = [
+    "FAULTS",
     "GYRO_CLASSES",
     "ChamberParameters",
+    "FaultSpec",
     "GyroParameters",
     "InstrumentSpec",
     "SiteParameters",
@@ -38,6 +42,7 @@ __all__ = [
     "World",
     "WorldError",
     "WorldSpec",
+    "faults_of",
     "gyro_class",
 ]
 
@@ -77,6 +82,7 @@ class WorldSpec:
         site, chamber_parameters, table_parameters: the plant.
         gyro_parameters: by serial number; a DUT without an entry gets `GyroParameters()`. The data rate is the one in
             the DUT's settings (`data_rate_hz`) if it is there.
+        faults: what goes wrong, numbered in this order.
     """
 
     seed: int
@@ -87,22 +93,33 @@ class WorldSpec:
     chamber_parameters: ChamberParameters = field(default_factory=ChamberParameters)
     table_parameters: TableParameters = field(default_factory=TableParameters)
     gyro_parameters: Mapping[str, GyroParameters] = field(default_factory=dict)
+    faults: tuple[FaultSpec, ...] = ()
 
 
 class World:
     """The plants and simulated instruments of one spec; `env` is their clock.
 
-    With a truth_dir the hidden parameters and the true course of things are written there (`simulated_hw.truth`).
+    `start_s` is the time at which it begins, everything at rest and at room temperature: a bench after a power cut.
+    With a truth_dir the hidden parameters and the true course of things are written there (`simulated_hw.truth`), with
+    a `live_truth_period_s` this often and at once.
     """
 
-    def __init__(self, spec: WorldSpec, truth_dir: Path | None = None) -> None:
+    def __init__(
+        self,
+        spec: WorldSpec,
+        truth_dir: Path | None = None,
+        start_s: float = 0.0,
+        live_truth_period_s: float | None = None,
+    ) -> None:
         self.spec = spec
-        self.env = simpy.Environment()
+        self.env = simpy.Environment(initial_time=start_s)
         self.chamber = ChamberPlant(spec.chamber_parameters, spec.seed)
         self.table = TablePlant(spec.table_parameters, spec.seed)
         self.gyros = {name: self._gyro(name, instrument) for name, instrument in spec.duts.items()}
-        self._truth_dir = truth_dir
+        self._truth_dir, self._live_truth_period_s = truth_dir, live_truth_period_s
         self._truth: TruthLog | None = None
+        # Only on a bench with faults; see `simulated_hw.faults.log` for what its `log` says.
+        self.faults: Faults | None = None
         self._attached: list[str] = []
 
     def _gyro(self, name: str, instrument: InstrumentSpec) -> GyroUnit:
@@ -120,32 +137,38 @@ class World:
     def open(self) -> None:
         """Put every instrument at its address and start the truth log.
 
-        Raises WorldError for a driver without a simulator or an address that is taken, OSError if the truth cannot be
-        written; nothing stays attached then.
+        Raises WorldError for a driver without a simulator, an address that is taken or a fault that a simulator cannot
+        show, OSError if the truth cannot be written; nothing stays attached then.
         """
         if _HANDLERS not in serial.protocol_handler_packages:
             serial.protocol_handler_packages.append(_HANDLERS)
         try:
-            for instrument, plant in self._instruments():
-                self._attach(instrument, plant)
+            if self.spec.faults:
+                plants = (self.chamber, self.table)
+                self.faults = Faults(self.spec.faults, self.spec.seed, self.env, *plants, self._truth_dir)
+            for name, instrument, plant in self._instruments():
+                self._attach(name, instrument, plant)
             if self._truth_dir is not None:
-                seed = self.spec.seed
-                self._truth = TruthLog(self._truth_dir, self.env, self.chamber, self.table, self.gyros, seed)
+                seed, often_s = self.spec.seed, self._live_truth_period_s
+                self._truth = TruthLog(self._truth_dir, self.env, self.chamber, self.table, self.gyros, seed, often_s)
         except BaseException:
             self.close()
             raise
 
-    def _instruments(self) -> Iterator[tuple[InstrumentSpec, Plant]]:
+    def _instruments(self) -> Iterator[tuple[str, InstrumentSpec, Plant]]:
         if self.spec.chamber is not None:
-            yield self.spec.chamber, self.chamber
+            yield "chamber", self.spec.chamber, self.chamber
         if self.spec.rate_table is not None:
-            yield self.spec.rate_table, self.table
+            yield "rate_table", self.spec.rate_table, self.table
         for name, instrument in self.spec.duts.items():
-            yield instrument, self.gyros[name]
+            yield name, instrument, self.gyros[name]
 
-    def _attach(self, instrument: InstrumentSpec, plant: Plant) -> None:
-        simulator = _simulator(instrument.driver)(self.env, plant, dict(instrument.settings))
+    def _attach(self, name: str, instrument: InstrumentSpec, plant: Plant) -> None:
+        seen = self.faults.under(name, plant) if self.faults else plant
+        simulator = _simulator(instrument.driver)(self.env, seen, dict(instrument.settings))
         try:
+            if self.faults:
+                simulator = self.faults.over(name, simulator, plant, seen)
             switchboard.attach(instrument.address, simulator)
         except ValueError as error:
             raise WorldError(str(error)) from error
@@ -157,6 +180,8 @@ class World:
             switchboard.detach(self._attached.pop())
         if self._truth is not None:
             self._truth.close()
+        if self.faults is not None:
+            self.faults.close()
 
     def __enter__(self) -> "World":
         self.open()
@@ -168,10 +193,10 @@ class World:
         self.close()
 
 
-def _simulator(driver: str) -> Callable[[simpy.Environment, Plant, dict[str, Any]], switchboard.Instrument]:
+def _simulator(driver: str) -> Callable[[simpy.Environment, Seen, dict[str, Any]], switchboard.Instrument]:
     found = entry_points(group=_SIMULATORS)
     if driver not in found.names:
         names = ", ".join(sorted(found.names)) or "none: is fogbench installed?"
         raise WorldError(f"no simulator for driver {driver!r}; there are {names} (entry points {_SIMULATORS})")
     loaded = found[driver].load()
-    return cast(Callable[[simpy.Environment, Plant, dict[str, Any]], switchboard.Instrument], loaded)
+    return cast(Callable[[simpy.Environment, Seen, dict[str, Any]], switchboard.Instrument], loaded)

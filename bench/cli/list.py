@@ -55,7 +55,7 @@ def _about(folder: Path) -> dict[str, Any]:
 
     try:
         manifest = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+    except (OSError, ValueError, RecursionError):
         try:
             manifest = manifest_of(load_journal(folder / "journal.jsonl"), [], "UNFINISHED", 0, {})
         except (FogbenchError, OSError, LookupError):

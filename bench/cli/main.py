@@ -18,8 +18,18 @@ COMMANDS = {
     "check": ("bench.cli.check", "Find every mistake in procedures and a bench file; touches no hardware."),
     "dry-run": ("bench.cli.dry_run", "Rehearse a procedure in virtual time: timeline, duration, what would go wrong."),
     "run": ("bench.cli.run", "Run a procedure on a bench, fit, report."),
+    "status": ("bench.cli.status", "Say what a run is doing, from any terminal."),
+    "pause": ("bench.cli.requests:pause", "Hold a run after its present step."),
+    "continue": ("bench.cli.requests:go_on", "Let a paused run go on."),
+    "abort": ("bench.cli.requests:abort", "End a run in order from another terminal."),
+    "resume": ("bench.cli.resume", "Take a run up again after an abort, a failure, a crash or a power cut."),
+    "simulate": (
+        "bench.cli.simulate",
+        "Put the instruments of a bench file on real ports, live: for other programs, and rehearsals.",
+    ),
     "fit": ("bench.cli.fit", "Fit models to an old run again."),
     "report": ("bench.cli.report", "Write report.html of a run again."),
+    "verify": ("bench.cli.verify", "Compute a run's points and models again; say what does not match."),
     "list": ("bench.cli.list", "List the runs in the results folder."),
     "schema": ("bench.cli.schema", "Print the JSON Schema of procedure or bench files."),
 }
@@ -43,7 +53,8 @@ class LazyGroup(click.Group):
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         if cmd_name not in COMMANDS:
             return None
-        return importlib.import_module(COMMANDS[cmd_name][0]).command  # type: ignore[no-any-return]
+        module, _, name = COMMANDS[cmd_name][0].partition(":")
+        return getattr(importlib.import_module(module), name or "command")  # type: ignore[no-any-return]
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         with formatter.section("Commands"):

@@ -15,6 +15,9 @@ results_option = click.option(
 )
 json_option = click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 seed_option = click.option("--seed", type=click.IntRange(min=0), help="Seed of the simulation instead of the bench's.")
+junit_option = click.option(
+    "--junit", type=click.Path(path_type=Path, dir_okay=False), help="Write the result as JUnit XML, for CI systems."
+)
 set_option = click.option(
     "--set",
     "settings",

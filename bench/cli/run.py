@@ -9,11 +9,21 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from bench.cli.main import print_json
-from bench.cli.options import bench_option, existing_file, json_option, results_option, seed_option, set_option
+from bench.cli.options import (
+    bench_option,
+    existing_file,
+    json_option,
+    junit_option,
+    results_option,
+    seed_option,
+    set_option,
+)
 
 if TYPE_CHECKING:
     from bench.clock import StopRequest
     from bench.conclude import RunEnd
+    from bench.junit import JUnitFile
+    from bench.run import Prepared
 
 
 @click.command("run")
@@ -24,6 +34,7 @@ if TYPE_CHECKING:
 @seed_option
 @set_option
 @json_option
+@junit_option
 def command(
     procedure: Path,
     bench_path: Path,
@@ -32,19 +43,29 @@ def command(
     seed: int | None,
     settings: tuple[str, ...],
     as_json: bool,
+    junit: Path | None,
 ) -> None:
     """Run PROCEDURE on a bench: measure, fit, report. The first Ctrl-C ends it in order and leaves the bench safe."""
-    from bench.cli.progress import ProgressPrinter
+    from bench.junit import junit_file
     from bench.overrides import parse_overrides
-    from bench.report.render import write_report
-    from bench.run import RunRequest, prepare, run
+    from bench.run import RunRequest, prepare
 
-    request = RunRequest(procedure, bench_path, results, run_id, seed, parse_overrides(settings))
-    prepared = prepare(request)
+    with junit_file(junit, f"{procedure.stem}.{bench_path.stem}") as file:
+        request = RunRequest(procedure, bench_path, results, run_id, seed, parse_overrides(settings))
+        carry_out(prepare(request), as_json, file)
+
+
+def carry_out(prepared: Prepared, as_json: bool, junit: JUnitFile) -> None:
+    """Run what was prepared, with progress, results, the JUnit file and the exit code."""
+    from bench.cli.progress import ProgressPrinter
+    from bench.report.render import write_report
+    from bench.run import run
+
     printer = ProgressPrinter(prepared, quiet=as_json)
     printer.begin()
     end = run(prepared, printer.tell, _stop_on_signals, write_report)
     printer.end()
+    junit.tell_run(end)
     if as_json:
         print_json(summary(end))
     else:

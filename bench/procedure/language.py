@@ -254,13 +254,54 @@ class Limits(YamlMapping):
 
 
 class Quality(YamlMapping):
-    """When a point passes, is marginal (up to `fail_at` times the limit) or fails."""
+    """When a point passes, is marginal (up to `fail_at` times the limit) or fails.
+
+    A point that failed is measured again at once, up to `repeats` times; what stays bad is marked and never fitted.
+    """
 
     lost_ppm: Ratio = Field(default=1000.0, ge=0)
     outliers_ppm: Ratio = Field(default=5000.0, ge=0)
     slope_degc_min: Slope = Field(default=0.05, gt=0)
     rate_band_dps: Rate = Field(default=0.02, gt=0)
     fail_at: float = Field(default=5.0, ge=1)
+    repeats: int = Field(default=1, ge=0, le=20)
+
+
+class Guard(YamlMapping):
+    """A condition that must hold while the run is under way, checked at every step and every readback.
+
+    `watch` names what is watched: a temperature with its allowed range `inside`, the table's measured rate with
+    `max_rate`, or what chamber and table report of themselves. A DUT that is silent has tripped its guard. `action`:
+    hold (the table rests until all is clear for `clear_for`, at most `timeout`, then the bench is brought back),
+    drop (that DUT) or abort.
+    """
+
+    name: Name
+    watch: Literal["chamber_temperature", "dut_temperature", "rate", "chamber_alarm", "table_fault"]
+    inside: Band | None = None
+    max_rate_dps: Rate | None = Field(default=None, gt=0)
+    action: Literal["hold", "drop", "abort"] = "abort"
+    clear_for_s: Time = Field(default=60.0, ge=0)
+    timeout_s: Time = Field(default=7200.0, gt=0)
+
+    @model_validator(mode="after")
+    def _fits_what_it_watches(self) -> Guard:
+        if ("temperature" in self.watch) != (self.inside is not None):
+            raise ValueError(
+                "a guard on a temperature, and only that, has 'inside', e.g. {from: -40 degC, to: 70 degC}"
+            )
+        if (self.watch == "rate") != (self.max_rate_dps is not None):
+            raise ValueError("a guard on the rate, and only that, has 'max_rate', e.g. max_rate: 200 deg/s")
+        if self.action == "drop" and self.watch != "dut_temperature":
+            raise ValueError("only a guard on dut_temperature can drop a DUT; use hold or abort")
+        return self
+
+
+class ResumePolicy(YamlMapping):
+    """When a soak holds over an interruption: a short gap, and every DUT as warm as it was; else it starts over."""
+
+    gap_s: Time = Field(default=900.0, ge=0)
+    band_k: Kelvin = Field(default=0.5, gt=0)
 
 
 class RandomSplit(YamlMapping):
@@ -339,5 +380,7 @@ class ProcedureHead(YamlMapping):
     raw: Literal["frames", "samples", "none"] = "frames"
     limits: Limits = Field(default_factory=Limits)
     quality: Quality = Field(default_factory=Quality)
+    resume: ResumePolicy = Field(default_factory=ResumePolicy)
+    guards: list[Guard] = Field(default_factory=list)
     steps: list[Any] = Field(min_length=1)
     analysis: Analysis | None = None

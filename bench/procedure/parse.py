@@ -38,14 +38,20 @@ class ParsedProcedure:
 
 
 def parse_procedure(
-    path: Path, edit: Callable[[Document], Document] = lambda document: document, follow_includes: bool = True
+    path: Path,
+    edit: Callable[[Document], Document] = lambda document: document,
+    follow_includes: bool = True,
+    recorded: Sequence[Path] = (),
 ) -> tuple[ParsedProcedure | None, list[Problem]]:
-    """Read a procedure; `edit` may change the document first (--set). Returns what could be read and all mistakes."""
+    """Read a procedure; `edit` may change the document first (--set). Returns what could be read and all mistakes.
+
+    `recorded` are copies of the included files in the order they were read, for a procedure in a run folder.
+    """
     try:
         document = edit(load_yaml(path))
     except InvalidFiles as error:
         return None, error.problems
-    reader = _Reader(follow_includes)
+    reader = _Reader(follow_includes, recorded)
     steps = tuple(reader.steps(document, ("steps",), path.parent, depth=0))
     head = validate(ProcedureHead, document, (), reader.problems)
     if head is None:
@@ -54,8 +60,9 @@ def parse_procedure(
 
 
 class _Reader:
-    def __init__(self, follow_includes: bool) -> None:
+    def __init__(self, follow_includes: bool, recorded: Sequence[Path]) -> None:
         self._follow_includes = follow_includes
+        self._recorded = recorded
         self.problems: list[Problem] = []
         self.included: list[Path] = []
 
@@ -98,6 +105,8 @@ class _Reader:
             allowed = f"includes are {MAX_INCLUDE_DEPTH} levels deep and {MAX_INCLUDES} altogether at most"
             self._say(document, here, f"{allowed}. Does a file include itself? Use repeat to do something again")
             return ()
+        if len(self.included) < len(self._recorded):
+            path = self._recorded[len(self.included)]
         try:
             inner = load_yaml(path)
         except InvalidFiles as error:

@@ -135,7 +135,7 @@ def _json(path: Path, notes: list[str]) -> dict[str, Any]:
         value = json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
         notes.append(f"{path.name} is missing: what it holds is not shown.")
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         notes.append(f"{path.name} cannot be read ({fault(error, path)}): what it holds is not shown.")
     else:
         if isinstance(value, dict):

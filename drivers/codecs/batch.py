@@ -112,6 +112,11 @@ class Meaning:
     good_mask: int = 0
     good_value: int = 0
 
+    @property
+    def quantities(self) -> dict[str, Quantity]:
+        """The law of each column that is a number, by column name."""
+        return {"rate": self.rate} | ({"temperature": self.temperature} if self.temperature else {})
+
     def batch(self, columns: dict[str, Raw], index: NDArray[np.int64]) -> FrameBatch:
         """FrameBatch of raw columns (keys as in `FrameBatch.columns`), each of n values, and their int64[n] index."""
         rate_dps = self.rate.value(columns["rate"])

@@ -25,12 +25,13 @@ PAYLOAD_BYTES = 8
 
 _NUMBER = r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*"
 _COMMENT = re.compile(r'^[ \t]*CM_ [^"]*"(?:\\.|[^"\\])*"\s*;', re.MULTILINE)
-_MESSAGE = re.compile(r"BO_\s+(\d+)\s+(\w+)\s*:\s*(\d+)\s+\w+")
+# Ten digits hold 32 bits; Python refuses to read numbers of thousands.
+_MESSAGE = re.compile(r"BO_\s+(\d{1,10})\s+(\w+)\s*:\s*(\d{1,10})\s+\w+")
 _SIGNAL = re.compile(
-    r"SG_\s+(\w+)\s*(M|m\d+M?)?\s*:\s*(\d+)\|(\d+)@([01])([+-])"
+    r"SG_\s+(\w+)\s*(M|m\d+M?)?\s*:\s*(\d{1,10})\|(\d{1,10})@([01])([+-])"
     rf"\s*\({_NUMBER},{_NUMBER}\)\s*\[{_NUMBER}\|{_NUMBER}\]\s*\"([^\"]*)\""
 )
-_VALUE_TYPE = re.compile(r"SIG_VALTYPE_\s+(\d+)\s+(\w+)\s*:?\s*([0-3])\s*;")
+_VALUE_TYPE = re.compile(r"SIG_VALTYPE_\s+(\d{1,10})\s+(\w+)\s*:?\s*([0-3])\s*;")
 
 
 @dataclass(frozen=True)

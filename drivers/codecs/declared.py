@@ -18,6 +18,7 @@ import yaml
 # A declaration is a page of text; anything much larger is another kind of file.
 _LARGEST_BYTES = 64 * 1024
 _DEEPEST_BASE = 8
+_DEEPEST_NESTING = 20
 
 
 class FrameSpecError(ValueError):
@@ -188,19 +189,31 @@ class _Plain(yaml.BaseLoader):
         if isinstance(node, yaml.ScalarNode) and node.style is None and node.value in ("", "~", "null"):
             return None
         if isinstance(node, yaml.MappingNode):
-            names = [key.value for key, _ in node.value]
-            twice = next((key for key, _ in node.value if names.count(key.value) > 1), None)
-            if twice is not None:
-                problem = f"the key '{twice.value}' stands twice"
-                raise yaml.constructor.ConstructorError(None, None, problem, twice.start_mark)
+            seen: set[str] = set()
+            for key in (key for key, _ in node.value if isinstance(key, yaml.ScalarNode)):
+                if key.value in seen:
+                    problem = f"the key '{key.value}' stands twice"
+                    raise yaml.constructor.ConstructorError(None, None, problem, key.start_mark)
+                seen.add(key.value)
         return super().construct_object(node, deep)
+
+
+def _yaml(text: str) -> Any:
+    """The data in a text that is not nested deeper than any declaration. Raises yaml.YAMLError."""
+    depth = 0
+    for event in yaml.parse(text, Loader=_Plain):
+        depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
+        if depth > _DEEPEST_NESTING:
+            problem = f"nested more than {_DEEPEST_NESTING} levels deep"
+            raise yaml.YAMLError(f"{problem}, line {event.start_mark.line + 1 if event.start_mark else '?'}")
+    return yaml.load(text, Loader=_Plain)
 
 
 def _load(declaration: str | Mapping[str, Any], folder: Traversable, depth: int) -> dict[str, Any]:
     if isinstance(declaration, str):
         file = find_file(declaration, folder, ".yaml", "frame")
         try:
-            mapping = yaml.load(read_small(file), Loader=_Plain)
+            mapping = _yaml(read_small(file))
         except yaml.YAMLError as error:
             raise FrameSpecError(f"{file}: cannot be read as YAML: {error}") from error
         if not isinstance(mapping, Mapping):

@@ -1,13 +1,12 @@
 """Any gyro that sends its readings in one CAN message described by a DBC file."""
 
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import ClassVar, Literal
 
 import numpy as np
 
 from drivers.can_ports import CanSource
-from drivers.codecs.batch import FrameBatch, Quantity
+from drivers.codecs.batch import FrameBatch, Meaning
 from drivers.codecs.can_frames import CanDecoder
 from drivers.codecs.can_spec import CanSpec
 from drivers.codecs.counters import Losses
@@ -76,10 +75,9 @@ class CanGyro:
         return self._decoder.losses
 
     @property
-    def quantities(self) -> Mapping[str, Quantity]:
-        """The law from raw column to value, by column name: what a raw file must say to be read again."""
-        meaning = self._spec.meaning(self.data_rate_hz)
-        return {"rate": meaning.rate} | ({"temperature": meaning.temperature} if meaning.temperature else {})
+    def meaning(self) -> Meaning:
+        """The laws from raw columns to values and validity: what a raw file must say to be read again."""
+        return self._spec.meaning(self.data_rate_hz)
 
     def describe(self) -> str:
         """For example 'CAN message GyroFrame (id 1A0), 100 Hz, on can:gyro-b'."""

@@ -1,10 +1,9 @@
 """Any gyro that sends frames of fixed length over a serial line; the frame is declared as data."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from drivers.codecs.batch import FrameBatch, Quantity
+from drivers.codecs.batch import FrameBatch, Meaning
 from drivers.codecs.counters import Losses
 from drivers.codecs.frame_spec import FrameSpec
 from drivers.codecs.frames import StreamDecoder
@@ -61,10 +60,9 @@ class SerialGyro:
         return self._decoder.losses
 
     @property
-    def quantities(self) -> Mapping[str, Quantity]:
-        """The law from raw column to value, by column name: what a raw file must say to be read again."""
-        meaning = self._spec.meaning(self.data_rate_hz)
-        return {"rate": meaning.rate} | ({"temperature": meaning.temperature} if meaning.temperature else {})
+    def meaning(self) -> Meaning:
+        """The laws from raw columns to values and validity: what a raw file must say to be read again."""
+        return self._spec.meaning(self.data_rate_hz)
 
     def describe(self) -> str:
         """For example 'KVH 36-byte frame, 100 Hz, on sim://gyro-a'."""

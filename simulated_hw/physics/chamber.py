@@ -28,9 +28,10 @@ _PROBE_UPDATE_S = 0.5
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ChamberPiece:
-    """From start_s on `law` holds and the internal setpoint is setpoint + slope · elapsed, until the next piece."""
+    """From start_s on one law of the machine's laws holds, the internal setpoint being setpoint + slope · elapsed."""
 
     start_s: float
+    laws: ChamberLaws
     law: Law
     setpoint_degc: float
     slope_k_s: float
@@ -96,6 +97,17 @@ class ChamberPlant:
             self._excursions_s.append(now_s)
             self._directions.append(1 if setpoint_degc > final_degc else -1)
 
+    def alter(self, now_s: float, parameters: ChamberParameters) -> None:
+        """From now on another machine in the same state: a door open, a compressor weak. `parameters` stays the healthy
+        one's, whose limits and readings hold on.
+        """
+        latest = self._cut(now_s)
+        state, setpoint = latest.trajectory.state(now_s - latest.start_s), latest.setpoint_at(now_s)
+        self.laws = ChamberLaws(parameters)
+        pace = abs(latest.slope_k_s) if latest.slope_k_s else inf
+        self._append(self._piece(now_s, state, setpoint, latest.final_degc, pace))
+        self.commands_s.append(now_s)
+
     def _pace(self, ramp_degc_min: float | None) -> float:
         own = self.parameters.max_ramp_degc_min
         return min(inf if ramp_degc_min is None else ramp_degc_min, inf if own is None else own) / 60.0
@@ -129,7 +141,7 @@ class ChamberPlant:
         if law is None:
             law = self.laws.law_for(state, setpoint_degc)
         trajectory = self.laws.systems[law].solve(state, *self.laws.drive(law, setpoint_degc, slope))
-        return ChamberPiece(start_s, law, setpoint_degc, slope, ramp_end_s, final_degc, trajectory)
+        return ChamberPiece(start_s, self.laws, law, setpoint_degc, slope, ramp_end_s, final_degc, trajectory)
 
     def _extend(self, now_s: float) -> None:
         """Make sure that all pieces up to now are known."""
@@ -203,8 +215,8 @@ class ChamberPlant:
         if piece.law is not Law.REGULATED:
             return 100.0 if piece.law is Law.HEATING else -100.0
         state = piece.trajectory.state(elapsed)
-        demanded = self.laws.demanded_w(state, piece.setpoint_at(now_s))
-        full = self.parameters.heating_power_w if demanded > 0 else -self.laws.coldest_w(float(state[AIR]))
+        demanded = piece.laws.demanded_w(state, piece.setpoint_at(now_s))
+        full = self.parameters.heating_power_w if demanded > 0 else -piece.laws.coldest_w(float(state[AIR]))
         return 100.0 * demanded / full if full > 0 else 0.0
 
     def excursions(self, times_s: NDArray[np.float64]) -> NDArray[np.int64]:

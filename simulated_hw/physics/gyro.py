@@ -85,6 +85,11 @@ class GyroUnit:
         self._made: dict[int, _Made] = {}
         self._residues: dict[int, float] = {}
 
+    @property
+    def frame_s(self) -> float:
+        """Time from frame to frame on the world's clock."""
+        return self._frame_s
+
     def frames_until(self, now_s: float) -> int:
         """How many frames have been sent by then."""
         return floor(now_s / self._frame_s + _EDGE)

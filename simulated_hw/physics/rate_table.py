@@ -69,6 +69,18 @@ class TablePlant:
         self.mode = "off"
         self._append(now_s, self._servo.coast(now_s, state))
 
+    def brake(self, now_s: float) -> None:
+        """Open the servo and stop the axis with its brake, as hard as the axis may be accelerated."""
+        state = self._cut(now_s).state(now_s)
+        self.mode = "off"
+        legs = to_rate(self._reference_dps(now_s), 0.0, self.parameters.max_acceleration_dps2)
+        self._append(now_s, self._servo.follow(now_s, state, legs))
+
+    def run_away(self, now_s: float, rate_dps: float) -> None:
+        """Leave the demand for a rate that nobody asked for, which may be beyond the limit."""
+        self._require_power()
+        self._demand_rate(now_s, rate_dps)
+
     def command_rate(self, now_s: float, rate_dps: float) -> None:
         """Demand a rate. Raises ValueError beyond the limit, RuntimeError if the axis is not energised."""
         limit = self.parameters.max_rate_dps

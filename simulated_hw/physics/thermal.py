@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simulated_hw.physics.chamber import ChamberPiece, ChamberPlant
-from simulated_hw.physics.chamber_laws import AIR, STATES, Law
+from simulated_hw.physics.chamber_laws import AIR, STATES, ChamberLaws, Law
 from simulated_hw.physics.gyro_parameters import SensorParameters, ThermalParameters
 from simulated_hw.physics.linear import LinearSystem, Trajectory
 
@@ -28,14 +28,19 @@ class ThermalChain:
         self._chamber = chamber
         self._thermal = thermal
         self._matrix = _chain_matrix(thermal, sensor)
-        self._systems = {law: self._joined(law) for law in Law}
+        self._systems: dict[tuple[ChamberLaws, Law], LinearSystem] = {}
         self._pieces: list[ChamberPiece] = []
         self._full: list[Trajectory] = []
         self._nodes: list[Trajectory] = []
 
-    def _joined(self, law: Law) -> LinearSystem:
+    def _system(self, laws: ChamberLaws, law: Law) -> LinearSystem:
+        if (laws, law) not in self._systems:
+            self._systems[laws, law] = self._joined(laws, law)
+        return self._systems[laws, law]
+
+    def _joined(self, laws: ChamberLaws, law: Law) -> LinearSystem:
         joined = np.zeros((STATES + _NODES, STATES + _NODES))
-        joined[:STATES, :STATES] = self._chamber.laws.matrices[law]
+        joined[:STATES, :STATES] = laws.matrices[law]
         joined[STATES:, STATES:] = self._matrix
         joined[STATES + HOUSING, AIR] = 1.0 / self._thermal.housing_s
         return LinearSystem(joined)
@@ -57,9 +62,9 @@ class ThermalChain:
             state = self._full[-1].state(piece.start_s - self._pieces[-1].start_s)
         state[:STATES] = piece.trajectory.state(0.0)
         constant, slope = np.zeros(STATES + _NODES), np.zeros(STATES + _NODES)
-        constant[:STATES], slope[:STATES] = self._chamber.laws.drive(piece.law, piece.setpoint_degc, piece.slope_k_s)
+        constant[:STATES], slope[:STATES] = piece.laws.drive(piece.law, piece.setpoint_degc, piece.slope_k_s)
         constant[STATES + HOUSING] = self._thermal.self_heating_k / self._thermal.housing_s
-        full = self._systems[piece.law].solve(state, constant, slope)
+        full = self._system(piece.laws, piece.law).solve(state, constant, slope)
         self._pieces.append(piece)
         self._full.append(full)
         self._nodes.append(full.project(np.eye(STATES + _NODES)[:, STATES:]))

@@ -57,9 +57,16 @@ class SimulatedAcutronicAcl:
         self._lines = LineParser()
         self._controller = _Controller(table, int(settings.get("axis", 1)))
 
-    def trip(self, reason: str) -> None:
-        """The fault an emergency stop or an open door makes: the interlock opens and stays so until it is reset."""
-        self._controller.trip(reason, self.env.now)
+    def trip(self, reason: str, held: bool = False) -> None:
+        """The fault an emergency stop or an open door makes: the interlock opens and stays so until it is reset.
+
+        held: resetting does not help until `let_reset` is called.
+        """
+        self._controller.trip(reason, self.env.now, held)
+
+    def let_reset(self) -> None:
+        """The cause of a trip is gone: it can be reset from now on."""
+        self._controller.held = False
 
     def receive(self, data: bytes, now_s: float) -> list[tuple[float, bytes]]:
         """Execute every whole line; answer queries, errors and (unless told otherwise) commands."""
@@ -91,6 +98,7 @@ class _Controller:
     def __init__(self, table: TablePlant, axis: int) -> None:
         self._table, self._axis = table, axis
         self._interlock, self._mode = "Open", "Off"
+        self.held = False
         self._limits = {"Rate": table.max_rate_dps, "Acceleration": table.max_acceleration_dps2}
         self._machine = dict(self._limits)
         self._demands = {"Rate": 0.0, "Position": 0.0, "Acceleration": table.acceleration_dps2}
@@ -118,8 +126,9 @@ class _Controller:
                 return None
         raise _RefusedError(f"{spell(command)} is no command of this table")
 
-    def trip(self, reason: str, now_s: float) -> None:
-        """Open the interlock for a fault that stays until Reset."""
+    def trip(self, reason: str, now_s: float, held: bool = False) -> None:
+        """Open the interlock for a fault that stays until Reset, or until it is held no longer and then reset."""
+        self.held = held
         self._interlock = f"Fault: {reason}"
         self._switch_off(now_s)
 
@@ -130,7 +139,7 @@ class _Controller:
 
     def _do_interlock(self, command: Command, action: Sequence[str], now_s: float) -> str | None:
         if action == ["Reset"]:
-            if self._interlock != "Close":
+            if self._interlock != "Close" and not self.held:
                 self._interlock = "Open"
             return None
         self._check_axis(command)

@@ -66,7 +66,7 @@ class SimulatedCanBus(can.BusABC):
                 raise can.CanOperationError(
                     f"{self.channel_info}: nothing passes the filters, this would wait for ever"
                 )
-            expected = min((node.sent_s(number) for node, number in self._next.items()), default=inf)
+            expected = min((node.due_s(number) for node, number in self._next.items()), default=inf)
             self._env.run(until=min(max(expected, self._env.now + _LOOK_AGAIN_S), deadline))
         return self._queue.popleft() if self._queue else None
 
@@ -82,11 +82,12 @@ class SimulatedCanBus(can.BusABC):
             end = node.frames_until(now)
             for first in range(begin, end, SLICE_FRAMES):
                 stop = min(end, first + SLICE_FRAMES)
-                ids = np.full(stop - first, node.can_id, np.uint32)
-                lengths = np.full(stop - first, node.length, np.uint8)
-                parts.append((ids, node.payload(first, stop), lengths))
+                payload = node.payload(first, stop)
+                ids = np.full(len(payload), node.can_id, np.uint32)
+                lengths = np.full(len(payload), node.length, np.uint8)
+                parts.append((ids, payload, lengths))
             if len(self._next) > 1:
-                times.append(node.sent_s(np.arange(begin, end, dtype=np.float64)))
+                times.append(node.sent_s(node.numbers(begin, end).astype(np.float64)))
             self._next[node] = end
         if len(parts) == 2 and not len(parts[0][0]):
             return parts[1]
@@ -100,7 +101,9 @@ class SimulatedCanBus(can.BusABC):
         """Everything sent up to now is never made."""
         self._queue.clear()
         now = self._env.now
-        self._next = {node: node.frames_until(now) for node in self._next}
+        for node, first in self._next.items():
+            self._next[node] = end = max(first, node.frames_until(now))
+            node.discarded(first, end)
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
         """Acknowledged by the other nodes, as on a real bus; these gyros take no orders."""
@@ -114,7 +117,8 @@ class SimulatedCanBus(can.BusABC):
             if stop > first:
                 payload = node.payload(first, stop).tobytes()
                 rows = (payload[at : at + node.length] for at in range(0, len(payload), PAYLOAD_BYTES))
-                messages += (_message(node, row, node.sent_s(number)) for number, row in enumerate(rows, first))
+                numbers = node.numbers(first, stop).tolist()
+                messages += (_message(node, row, node.sent_s(n)) for n, row in zip(numbers, rows, strict=True))
                 self._next[node] = stop
         self._queue.extend(sorted(messages, key=lambda message: message.timestamp))
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from drivers.codecs.can_spec import CanSpec
 from drivers.codecs.counters import counter_values
 from drivers.codecs.dbc import EXTENDED
+from simulated_hw.faults.frames import StreamFaults
 from simulated_hw.wire.gyro_physics import GyroPhysics
 
 Times = TypeVar("Times", float, NDArray[np.float64])
@@ -35,6 +36,8 @@ class SimulatedCanGyro:
         self.can_id = self._spec.can_id
         self.length = self._spec.message.length
         self.nodes: tuple[SimulatedCanGyro, ...] = (self,)
+        # What happens to the frames on their way; None on a healthy bench.
+        self.faults: StreamFaults | None = None
 
     def join(self, other: "SimulatedCanGyro") -> None:
         """Put another gyro on the same channel. Raises ValueError if its identifier is taken there."""
@@ -45,17 +48,34 @@ class SimulatedCanGyro:
         self.nodes += (other,)
 
     def frames_until(self, now_s: float) -> int:
-        """How many messages have been sent by then."""
-        return self._gyro.frames_until(now_s)
+        """How many messages have been sent by then, and have arrived."""
+        return self.faults.arrived_until(now_s) if self.faults else self._gyro.frames_until(now_s)
 
     def sent_s(self, numbers: Times) -> Times:
         """When messages of these numbers are sent, in seconds; right to a few microseconds."""
         return (numbers + 1) * self._message_s
 
+    def due_s(self, number: int) -> float:
+        """When a message reaches the bus."""
+        return self.faults.due_s(number, self.env.now) if self.faults else self.sent_s(number)
+
+    def numbers(self, first: int, end: int) -> NDArray[np.int64]:
+        """The numbers of the messages that `payload` returns: all of them, if none is lost or doubled."""
+        return self.faults.numbers(first, end) if self.faults else np.arange(first, end)
+
+    def discarded(self, first: int, end: int) -> None:
+        """Messages first ... end - 1 are thrown away unread, and never made."""
+        if self.faults:
+            self.faults.discarded(first, end, self.env.now)
+
     def payload(self, first: int, end: int) -> NDArray[np.uint8]:
-        """Messages first ... end - 1, uint8[n, 8], unused bytes zero."""
+        """What arrives of messages first ... end - 1, uint8[n, 8], unused bytes zero."""
         block = self._gyro.block(first, end)
         raw = self._meaning.raw_columns(block.rate_dps, block.temperature_degc, block.good, self._spec.raw_types)
         if self._spec.counter_modulo:
-            raw["counter"] = counter_values(first, end - first, self._spec.counter_modulo)
-        return self._spec.encode(raw, end - first)
+            if self.faults:
+                raw["counter"] = self.faults.counters(first, end, self._spec.counter_modulo)
+            else:
+                raw["counter"] = counter_values(first, end - first, self._spec.counter_modulo)
+        rows = self._spec.encode(raw, end - first)
+        return self.faults.messages(first, rows) if self.faults else rows

@@ -9,6 +9,7 @@ from drivers.codecs.batch import Raw
 from drivers.codecs.counters import counter_values
 from drivers.codecs.frame_spec import FrameSpec
 from drivers.codecs.frames import encode
+from simulated_hw.faults.frames import StreamFaults
 from simulated_hw.wire.gyro_physics import SLICE_FRAMES, GyroPhysics
 
 _BAUD = 921_600
@@ -26,10 +27,12 @@ class SimulatedSerialGyro:
         self._meaning = self._spec.meaning(float(settings.get("data_rate_hz", gyro.data_rate_hz)))
         self._kinds = {role: field.raw_type for role, field in self._spec.columns.items()}
         self._next = 0
+        # What happens to the frames on their way; None on a healthy bench.
+        self.faults: StreamFaults | None = None
 
     def bytes_until(self, now_s: float) -> bytes:
         """All frames sent since the last call, up to `now_s`."""
-        end = self._gyro.frames_until(now_s)
+        end = self._arrived_until(now_s)
         parts = []
         while self._next < end:
             stop = min(end, self._next + SLICE_FRAMES)
@@ -39,13 +42,23 @@ class SimulatedSerialGyro:
 
     def skip_until(self, now_s: float) -> None:
         """Everything sent up to `now_s` is never made."""
-        self._next = max(self._next, self._gyro.frames_until(now_s))
+        end = max(self._next, self._arrived_until(now_s))
+        if self.faults:
+            self.faults.discarded(self._next, end, now_s)
+        self._next = end
+
+    def _arrived_until(self, now_s: float) -> int:
+        return self.faults.arrived_until(now_s) if self.faults else self._gyro.frames_until(now_s)
 
     def _encoded(self, first: int, end: int) -> bytes:
         block = self._gyro.block(first, end)
         raw = self._meaning.raw_columns(block.rate_dps, block.temperature_degc, block.good, self._kinds)
         columns: dict[str, Raw | int | float] = {self._spec.columns[role].name: raw[role] for role in raw}
         if counter := self._spec.counter:
-            values = counter_values(first, end - first, counter.modulo, counter.step)
+            if self.faults:
+                values = self.faults.counters(first, end, counter.modulo, counter.step)
+            else:
+                values = counter_values(first, end - first, counter.modulo, counter.step)
             columns[counter.field.name] = values.astype(counter.field.raw_type.dtype, copy=False)
-        return encode(self._spec, columns, end - first).tobytes()
+        rows = encode(self._spec, columns, end - first)
+        return self.faults.sent_bytes(first, rows, self._spec) if self.faults else rows.tobytes()

@@ -5,7 +5,7 @@ Register map and behaviour: protocol notes, chambers, section 3. Values are sign
 """
 
 from collections.abc import Callable, Mapping
-from typing import Any, Protocol, TypeVar
+from typing import Any, Literal, Protocol, TypeVar
 
 import simpy
 
@@ -34,6 +34,7 @@ _LATENCY_S = 0.025
 _FRAME_GAP_S = 0.1
 _MODEL = 5270
 _EVENTS = range(2000, 2080, 10)
+_ALARM_STATES = {"high": 1, "low": 2}
 
 _Getter = Callable[[float], int]
 _Setter = Callable[[int, float], None]
@@ -76,6 +77,10 @@ class SimulatedWatlowF4:
         self._panel = _Panel(chamber)
         self._read, self._write = self._panel.register_map()
         self._write[25] = self._save
+
+    def show_alarm(self, alarm: Literal[1, 2], state: Literal["high", "low"] | None) -> None:
+        """Report an alarm (register 102 or 106) whatever the temperature; None: report what there is."""
+        self._panel.shown_alarms[alarm] = 0 if state is None else _ALARM_STATES[state]
 
     def receive(self, data: bytes, now_s: float) -> list[tuple[float, bytes]]:
         """Answer every whole request to this address; stay silent on damaged ones, other addresses and broadcasts."""
@@ -136,6 +141,7 @@ class _Panel:
         self._chamber = chamber
         self._limits_degc = list(chamber.limits_degc)
         self._alarm_degc = list(chamber.limits_degc)
+        self.shown_alarms = {1: 0, 2: 0}
         # Configuration words: decimals, unit kind, unit (1 = °C), ramp mode, ramp rate, ramp scale, events.
         self._words = {606: 1, 608: 0, 901: 1, 1100: 0, 1101: 0, 1102: 0} | dict.fromkeys(_EVENTS, 0)
 
@@ -149,7 +155,7 @@ class _Panel:
             101: lambda now_s: 0,
             102: self._alarm,
             103: lambda now_s: round(max(chamber.power_percent(now_s), 0.0) * 100),
-            106: lambda now_s: 0,
+            106: lambda now_s: self.shown_alarms[2],
             107: lambda now_s: round(min(chamber.power_percent(now_s), 0.0) * 100),
             200: lambda now_s: 0,
             300: lambda now_s: self._word(chamber.final_setpoint_degc),
@@ -178,7 +184,7 @@ class _Panel:
     def _alarm(self, now_s: float) -> int:
         probe = self._chamber.probe_degc(now_s)
         low, high = self._alarm_degc
-        return 1 if probe > high else 2 if probe < low else 0
+        return self.shown_alarms[1] or (1 if probe > high else 2 if probe < low else 0)
 
     def _ramp_degc_min(self) -> float | None:
         # Mode 1 ramps at power-on only, mode 2 at every change as well; without a rate there is no ramp.

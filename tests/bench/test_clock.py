@@ -79,6 +79,14 @@ def test_the_wall_clock_runs_forward_and_waits_at_least_as_long_as_asked() -> No
     clock.wait(0.0)
 
 
+def test_bench_time_at_a_multiple_of_the_wall() -> None:
+    clock, wall = WallClock(start_s=1000.0, speed=50.0), WallClock()
+    clock.wait(5.0)
+    assert 0.1 <= wall.now() < 5.0
+    assert clock.now() >= 1005.0
+    assert (clock.now() - 1000.0) / 50.0 == pytest.approx(wall.now(), abs=0.05)
+
+
 def test_a_stop_request_alone() -> None:
     stop = StopRequest()
     stop.wait(0.0)

@@ -21,7 +21,7 @@ ENTRIES: list[Entry] = [
 
 def written(folder: Path, name: str = "journal.jsonl") -> Path:
     path = folder / name
-    journal = Journal(path, {"run_id": "r1"})
+    journal = Journal.create(path, {"run_id": "r1"})
     for entry in ENTRIES[1:]:
         fields = {key: value for key, value in entry.items() if key not in ("n", "t_s", "kind")}
         journal.append(entry["kind"], entry["t_s"], **fields)
@@ -80,13 +80,13 @@ def test_a_journal_is_never_written_over(tmp_path: Path) -> None:
     path = written(tmp_path)
     before = path.read_bytes()
     with pytest.raises(FileExistsError):
-        Journal(path, {"run_id": "r2"})
+        Journal.create(path, {"run_id": "r2"})
     assert path.read_bytes() == before
 
 
 def test_a_commit_is_on_disk_and_an_append_is_kept_by_close(tmp_path: Path) -> None:
     path = tmp_path / "j"
-    journal = Journal(path, {})
+    journal = Journal.create(path, {})
     assert [entry["kind"] for entry in read(path)] == ["journal"]
     journal.append("note", 1.0, text="a")
     journal.commit()
@@ -99,7 +99,7 @@ def test_a_commit_is_on_disk_and_an_append_is_kept_by_close(tmp_path: Path) -> N
 
 @pytest.mark.parametrize("value", [float("nan"), float("inf"), -float("inf")])
 def test_a_number_json_does_not_have_is_refused_and_leaves_no_trace(tmp_path: Path, value: float) -> None:
-    journal = Journal(tmp_path / "j", {})
+    journal = Journal.create(tmp_path / "j", {})
     with pytest.raises(ValueError):
         journal.append("point", 1.0, row={"x": value})
     journal.append("note", 2.0, text="after")
@@ -207,7 +207,7 @@ def test_any_json_comes_back_to_the_last_bit(fields: dict[str, Any], t_s: float)
 
 
 def test_the_log_of_a_rehearsal_holds_the_same_records(tmp_path: Path) -> None:
-    log, journal = MemoryLog(), Journal(tmp_path / "j", {})
+    log, journal = MemoryLog(), Journal.create(tmp_path / "j", {})
     log.append("journal", 0.0, format=FORMAT)
     for target in (log, journal):
         target.append("note", 1.5, text="x")

@@ -240,6 +240,11 @@ def entries() -> list[Entry]:
         {"n": 4, "t_s": 4.0, "kind": "point", "row": rows[1]},
         {"n": 5, "t_s": 5.0, "kind": "note", "text": "x"},
         {"n": 6, "t_s": 6.0, "kind": "point", "row": rows[2]},
+        {"n": 7, "t_s": 6.0, "kind": "done", "step": 38},
+        # Broken off: neither done nor to be mixed with what follows.
+        {"n": 8, "t_s": 7.0, "kind": "point", "row": rows[0]},
+        {"n": 9, "t_s": 8.0, "kind": "resumed", "text": "x"},
+        {"n": 10, "t_s": 9.0, "kind": "point", "row": rows[0]},
     ]
 
 
@@ -327,7 +332,7 @@ def test_a_fit_uses_what_was_measured_and_did_not_fail() -> None:
         row_of(step=replace(STEP, point=7), frames=batch(PLANNED - 20)),
         row_of(step=replace(STEP, point=8), frames=batch(PLANNED - 2000)),
     ]
-    points = points_of({"kind": "point", "row": row} for row in rows)
+    points = points_of([*({"kind": "point", "row": row} for row in rows), {"kind": "done", "step": 8}])
     assert points["verdict"].tolist() == ["pass", "pass", "fail", "pass", "pass", "pass", "marginal", "fail"]
     assert usable(points, "FOG-A")["point"].tolist() == [1, 7]
     assert usable(points, "FOG-A").index.tolist() == [0, 1]

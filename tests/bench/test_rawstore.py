@@ -1,5 +1,6 @@
 """Raw files read back by pyarrow alone, and a disk that gives up."""
 
+import hashlib
 import json
 import threading
 from pathlib import Path
@@ -11,7 +12,7 @@ import pytest
 
 from bench import rawstore
 from bench.errors import BenchFailure, ExitCode
-from bench.rawstore import QUEUE_LENGTH, RawFile, RawStore, write_parquet
+from bench.rawstore import QUEUE_LENGTH, RawFile, RawFileDamaged, RawStore, read_parquet, write_parquet
 
 RNG = np.random.default_rng(0)
 COLUMNS: dict[str, np.ndarray[Any, Any]] = {
@@ -60,6 +61,44 @@ def test_the_same_data_are_the_same_bytes(tmp_path: Path) -> None:
     write_parquet(tmp_path / "a", COLUMNS, METADATA)
     write_parquet(tmp_path / "b", COLUMNS, dict(reversed(METADATA.items())))
     assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
+
+
+def test_it_reads_its_own_files_to_the_last_bit_and_no_others(tmp_path: Path) -> None:
+    path = tmp_path / "p.parquet"
+    write_parquet(path, COLUMNS, METADATA)
+    read = read_parquet(path)
+    assert (read.name, read.metadata) == ("p.parquet", METADATA)
+    for name, values in COLUMNS.items():
+        np.testing.assert_array_equal(read.columns[name], values)
+    data = bytearray(path.read_bytes())
+    data[len(data) // 2] ^= 1
+    path.write_bytes(data)
+    with pytest.raises(RawFileDamaged, match="does not match the digest"):
+        read_parquet(path)
+    pq.write_table(pq.read_table(tmp_path / "p.parquet", columns=["index"]), tmp_path / "foreign")
+    for name in ("foreign", "missing", "."):
+        with pytest.raises(RawFileDamaged):
+            read_parquet(tmp_path / name)
+
+
+def test_the_digest_is_that_of_the_file_with_zeros_in_its_place(tmp_path: Path) -> None:
+    """Told again without the reader: the digest as Parquet's own metadata has it."""
+    path = tmp_path / "p.parquet"
+    write_parquet(path, COLUMNS, METADATA)
+    digest = pq.ParquetFile(path).metadata.metadata[b"fogbench.sha256"]
+    data = path.read_bytes()
+    assert data.count(digest) == 1
+    assert hashlib.sha256(data.replace(digest, b"0" * 64)).hexdigest().encode() == digest
+
+
+def test_any_reader_finds_a_damaged_page(tmp_path: Path) -> None:
+    path = tmp_path / "p.parquet"
+    write_parquet(path, {"rate": COLUMNS["rate"]}, {})
+    data = bytearray(path.read_bytes())
+    data[len(data) // 2] ^= 1
+    path.write_bytes(data)
+    with pytest.raises(OSError, match="CRC"):
+        pq.read_table(path, page_checksum_verification=True)
 
 
 def raw(number: int) -> RawFile:

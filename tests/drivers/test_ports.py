@@ -2,6 +2,7 @@
 
 import errno
 import os
+import socket
 import threading
 import tty
 
@@ -52,6 +53,31 @@ def gather(source, size):
             break
         pause.wait(0.005)
     return data
+
+
+@pytest.mark.wall
+def test_a_burst_over_tcp_is_not_read_byte_by_byte():
+    sent = os.urandom(200_000)
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = open_serial(f"socket://127.0.0.1:{server.getsockname()[1]}", 921600, 0.05)
+        far, _ = server.accept()
+    reads, read = [], port.read
+    port.read = lambda size=1: reads.append(size) or read(size)
+    source = open_byte_source(port, now=lambda: 1.0)
+    with far:
+        far.sendall(sent)
+        assert gather(source, len(sent)) == sent
+        assert len(reads) < 1000
+    for _ in range(1000):  # the far end hung up
+        try:
+            source.take()
+        except PortError as error:
+            assert "went away" in str(error)
+            break
+        threading.Event().wait(0.005)
+    else:
+        pytest.fail("the hang-up was not noticed")
+    source.close()
 
 
 @pytest.mark.wall

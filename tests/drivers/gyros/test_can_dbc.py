@@ -68,7 +68,7 @@ def test_frames_in_engineering_units(source: Script) -> None:
     assert driver.losses == Losses(frames=2)
     assert driver.describe() == "CAN message GyroFrame (id 1A0), 100 Hz, on can:gyro-b"
     assert driver.complaint() is None
-    for name, law in driver.quantities.items():
+    for name, law in driver.meaning.quantities.items():
         value = {"rate": batch.rate_dps, "temperature": batch.temperature_degc}[name]
         assert (batch.columns[name].astype(np.float64) * law.scale + law.offset).tolist() == value.tolist()
 

@@ -71,10 +71,10 @@ def test_raw_columns_can_be_read_again_with_the_published_law(source: Script) ->
     driver = gyro(source, frame={"base": "kvh_36_c100", "rate": {"unit": "deg"}}, data_rate_hz=250.0)
     source.arrive(rows(*range(50)), 1.0)
     batch = driver.take()
-    for name, law in driver.quantities.items():
+    for name, law in driver.meaning.quantities.items():
         value = {"rate": batch.rate_dps, "temperature": batch.temperature_degc}[name]
         assert (batch.columns[name].astype(np.float64) * law.scale + law.offset).tolist() == value.tolist()
-    assert driver.quantities["temperature"].value(np.array([2500])) == pytest.approx([25.0])
+    assert driver.meaning.quantities["temperature"].value(np.array([2500])) == pytest.approx([25.0])
 
 
 def test_discard_leaves_no_loss_and_starts_the_clock(source: Script) -> None:

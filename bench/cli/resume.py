@@ -1,0 +1,36 @@
+"""fogbench resume"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from bench.cli.options import json_option, junit_option, results_option
+
+
+@click.command("resume")
+@click.argument("run")
+@click.option(
+    "--accept",
+    multiple=True,
+    type=click.Choice(["procedure", "bench"]),
+    help="Go on with a file that changed since the run began, if only steps not yet run change.",
+)
+@results_option
+@json_option
+@junit_option
+def command(run: str, accept: tuple[str, ...], results: Path, as_json: bool, junit: Path | None) -> None:
+    """Take RUN up again after an abort, a failure, a crash or a power cut.
+
+    Finished points are kept and never measured again; an acquisition that was broken off is dropped. The bench is
+    brought back to its setpoints; a soak goes on only if the gap was short and the DUTs stayed as warm as they were
+    (the procedure's resume: block), else it starts over.
+    """
+    from bench.cli.run import carry_out
+    from bench.junit import junit_file
+    from bench.resume import prepare_resume
+    from bench.runfolder import find_run
+
+    with junit_file(junit, Path(run).name) as file:
+        carry_out(prepare_resume(find_run(run, results), accept), as_json, file)
