@@ -21,6 +21,7 @@ from bench.journal import load_journal
 from bench.points import finished_rows
 from bench.resume import prepare_resume
 from bench.run import Prepared, RunRequest, prepare, run
+from bench.verify.verify import verify
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -56,18 +57,20 @@ class Tally:
     points_twice: int = 0
     refused: int = 0
     unfinished: int = 0
+    unverified: int = 0
     by_kind: Counter[str] = field(default_factory=Counter)
 
     @property
     def clean(self) -> bool:
-        """Whether nothing was lost, doubled, refused or left unfinished."""
-        return not (self.points_lost or self.points_twice or self.refused or self.unfinished)
+        """Whether nothing was lost, doubled, refused, left unfinished or does not match its own raw files."""
+        return not (self.points_lost or self.points_twice or self.refused or self.unfinished or self.unverified)
 
     def __str__(self) -> str:
         kinds = ", ".join(f"{kind} {count}" for kind, count in sorted(self.by_kind.items()))
         return (
             f"kills {self.kills}; points lost {self.points_lost}, points measured twice {self.points_twice}, "
-            f"journals refused {self.refused}, runs not brought to their end {self.unfinished}\nkilled at: {kinds}"
+            f"journals refused {self.refused}, runs not brought to their end {self.unfinished}, "
+            f"runs that fail verify {self.unverified}\nkilled at: {kinds}"
         )
 
 
@@ -99,6 +102,7 @@ def trial(folder: Path, kills: list[Callable[[], None]], tally: Tally) -> None:
     tally.points_twice += sum(count - 1 for count in rows.values())
     end = [entry for entry in entries if entry["kind"] == "end"]
     tally.unfinished += not end or end[-1]["failure"] is not None
+    tally.unverified += bool(verify(run_folder).wrong)
 
 
 def _attempt(prepared: Callable[[], Prepared], kill: Callable[[], None] | None) -> bool:
