@@ -13,6 +13,7 @@ from bench.forecast import rehearse
 from bench.journal import Entry, load_journal
 from bench.manifest import sha256
 from bench.overrides import Override, parse_overrides
+from bench.refit import complete
 from bench.resumption import interruption_of
 from bench.run import Prepared, Resumed, record_files
 from bench.runfolder import DECLARATIONS, INCLUDED
@@ -28,6 +29,8 @@ def prepare_resume(folder: Path, accept: Sequence[str] = ()) -> Prepared:
     entries = load_journal(folder / "journal.jsonl")
     end = next((entry for entry in reversed(entries) if entry["kind"] in ("end", "resumed")), None)
     if end is not None and end["kind"] == "end" and end["failure"] is None:
+        # It may have died between its last record and its last file.
+        complete(folder)
         raise UserMistake(
             f"the run '{folder.name}' finished; there is nothing to resume. See: fogbench report {folder}"
         )
