@@ -1,7 +1,7 @@
 """Raw frames and samples on disk: one Parquet file per acquisition and DUT, written beside the measurement.
 
-Sampling never waits for the disk: a writer thread with a bounded queue writes `.tmp`, syncs, renames. Columns are kept
-as they came on the wire (counts or float32) with the scale in the file's metadata.
+Frames never wait for the disk: writer threads write `.tmp`, sync, rename; a point is done when they are. Columns are
+kept as they came on the wire (counts or float32) with the scale in the file's metadata.
 
 Two things make damage visible later: a checksum on every page, which any Parquet reader can check, and, because a
 footer has none, a digest of the whole file in its metadata: that of the file with 64 zeros in the digest's place.
