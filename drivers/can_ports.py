@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.errors import PortError
+from drivers.ports import PORT_FAILURES
 
 if TYPE_CHECKING:
     import can
@@ -95,6 +96,13 @@ def _way_out(interface: str, channel: str) -> str:
     return "Check adapter, its driver, channel and bitrate, and that no other program holds it"
 
 
+def _failures() -> tuple[type[Exception], ...]:
+    """What a bus that went away raises."""
+    import can
+
+    return (can.CanError, ValueError, TypeError, *PORT_FAILURES)
+
+
 class BatchCanSource:
     """For a bus that buffers without limit by itself and hands over whole batches."""
 
@@ -163,20 +171,24 @@ class ThreadedCanSource:
             self._overflowed = False
 
     def close(self) -> None:
-        """Stop the reader and close the bus."""
+        """Stop the reader and close the bus. Raises PortError for an adapter that is gone."""
         self._closing = True
         self._thread.join()
-        self._bus.shutdown()
+        try:
+            self._bus.shutdown()
+        except _failures() as error:
+            # slcan says goodbye before it closes; a port kept open would come back under another name.
+            if port := getattr(self._bus, "serialPortOrig", None):
+                port.close()
+            raise PortError(self.name, f"did not close: {error}. Check adapter and power") from error
 
     def _drain(self) -> None:
-        import can
-
         try:
             while not self._closing:
                 message = self._bus.recv(_WAIT_S)
                 if message is not None and not message.is_error_frame and not message.is_remote_frame:
                     self._hold(message)
-        except (can.CanError, OSError, ValueError) as error:
+        except _failures() as error:
             self._failure = error
 
     def _hold(self, message: "can.Message") -> None:

@@ -1,6 +1,7 @@
 """The truth log of a simulated bench: what the product under test must find out, written where it cannot read it.
 
-truth.json holds every parameter and hidden draw; truth.csv one row a virtual minute. The plants remember their past, so
+truth.json holds every parameter and hidden draw; truth.csv one row a virtual minute (the setpoint commanded, and where
+its ramp is; air, wall, load; the true rate of the table; the truth of each DUT). The plants remember their past, so
 the log wakes once an hour and asks for sixty rows at once; asking changes nothing in the world. On a live bench, which
 others watch, a row is written when it is due.
 """
@@ -22,7 +23,7 @@ from simulated_hw.physics.rate_table import TablePlant
 
 _PERIOD_S = 60.0
 _ROWS_PER_WRITE = 60
-_COMMON = ("t_s", "setpoint_degc", "air_degc", "wall_degc", "load_degc", "table_rate_dps")
+_COMMON = ("t_s", "commanded_degc", "setpoint_degc", "air_degc", "wall_degc", "load_degc", "table_rate_dps")
 _PER_DUT = ("coil_degc", "input_rate_dps", "scale_ppm", "bias_dph", "sensor_k")
 
 
@@ -46,7 +47,7 @@ class TruthLog:
         text = json.dumps(self._hidden(seed), indent=2, ensure_ascii=False)
         (folder / "truth.json").write_text(text + "\n", encoding="utf-8")
         self._file: TextIO = (folder / "truth.csv").open("w", encoding="utf-8", newline="\n")
-        columns = [*_COMMON, *(f"{name}:{serial}" for serial in gyros for name in _PER_DUT)]
+        columns = [*_COMMON, *(f"{name}:{serial}" for serial, gyro in gyros.items() for name in _names(gyro))]
         self._file.write(",".join(columns) + "\n")
         self._rows = int(np.ceil(env.now / self._period_s))
         env.process(self._run())
@@ -67,6 +68,7 @@ class TruthLog:
                     "sensor_offset_k": gyro.rows.sensor_offset_k,
                     "earth_rate_dps": gyro.earth_dps,
                     "parameters": asdict(gyro.parameters),
+                    **(gyro.companion.hidden() if gyro.companion else {}),
                 }
                 for serial, gyro in self._gyros.items()
             },
@@ -92,17 +94,23 @@ class TruthLog:
     def _common(self, times_s: NDArray[np.float64]) -> list[NDArray[np.float64]]:
         states = self._chamber.states(times_s)
         setpoint = np.array([self._chamber.setpoint_degc(t) for t in times_s.tolist()])
+        commanded = np.array([self._chamber.commanded_degc(t) for t in times_s.tolist()])
         rate = np.array([self._table.true_rate_dps(t) for t in times_s.tolist()])
-        return [times_s, setpoint, states[:, AIR], states[:, WALL], states[:, LOAD], rate]
+        return [times_s, commanded, setpoint, states[:, AIR], states[:, WALL], states[:, LOAD], rate]
 
     def _of_duts(self, times_s: NDArray[np.float64]) -> list[NDArray[np.float64]]:
         columns: list[NDArray[np.float64]] = []
         for gyro in self._gyros.values():
             truth = gyro.truth(times_s)
-            columns += [truth[name] for name in _PER_DUT]
+            columns += [truth[name] for name in _names(gyro)]
         return columns
 
     def close(self) -> None:
         """Write what is left; closing twice is harmless."""
         self._write()
         self._file.close()
+
+
+def _names(gyro: GyroUnit) -> tuple[str, ...]:
+    """The columns of one DUT."""
+    return (*_PER_DUT, *gyro.truth_names, *(gyro.companion.truth_names if gyro.companion else ()))

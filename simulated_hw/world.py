@@ -22,11 +22,16 @@ import simpy
 
 from simulated_hw.faults.install import Faults, Seen
 from simulated_hw.faults.kinds import FAULTS, FaultSpec, faults_of
+from simulated_hw.faults.unpowered import follow_power
 from simulated_hw.physics.chamber import ChamberPlant
-from simulated_hw.physics.gyro import GyroUnit, earth_rate_dps
-from simulated_hw.physics.gyro_parameters import GYRO_CLASSES, GyroParameters, gyro_class
+from simulated_hw.physics.gyro import GyroUnit
+from simulated_hw.physics.gyro_classes import GYRO_CLASSES, gyro_class
+from simulated_hw.physics.gyro_parameters import GyroParameters
 from simulated_hw.physics.parameters import ChamberParameters, SiteParameters, TableParameters
+from simulated_hw.physics.power import PowerHistory
 from simulated_hw.physics.rate_table import TablePlant
+from simulated_hw.physics.seeker import gyro_unit
+from simulated_hw.physics.supply import SupplyParameters, SupplyPlant
 from simulated_hw.truth import TruthLog
 from simulated_hw.wire import switchboard
 
@@ -38,6 +43,7 @@ __all__ = [
     "GyroParameters",
     "InstrumentSpec",
     "SiteParameters",
+    "SupplyParameters",
     "TableParameters",
     "World",
     "WorldError",
@@ -50,7 +56,10 @@ _SIMULATORS = "fogbench.simulators"
 # pyserial looks here for modules named protocol_<scheme>.
 _HANDLERS = "simulated_hw.wire"
 
-Plant = ChamberPlant | TablePlant | GyroUnit
+Plant = ChamberPlant | TablePlant | SupplyPlant | GyroUnit
+
+# A simulator by its entry point: of the environment, the plant as it is to see it, and the driver's settings.
+Maker = Callable[[simpy.Environment, Seen | SupplyPlant, dict[str, Any]], switchboard.Instrument]
 
 
 class WorldError(Exception):
@@ -79,7 +88,9 @@ class WorldSpec:
     Fields:
         seed: decides every random number.
         chamber, rate_table, duts: the instruments; DUTs by serial number.
-        site, chamber_parameters, table_parameters: the plant.
+        supply: the power supply, its output on at the beginning. powered: serial numbers of the DUTs that it feeds, all
+            if None; without a supply every DUT has power all the time.
+        site, chamber_parameters, table_parameters, supply_parameters: the plant.
         gyro_parameters: by serial number; a DUT without an entry gets `GyroParameters()`. The data rate is the one in
             the DUT's settings (`data_rate_hz`) if it is there.
         faults: what goes wrong, numbered in this order.
@@ -89,9 +100,12 @@ class WorldSpec:
     chamber: InstrumentSpec | None = None
     rate_table: InstrumentSpec | None = None
     duts: Mapping[str, InstrumentSpec] = field(default_factory=dict)
+    supply: InstrumentSpec | None = None
+    powered: tuple[str, ...] | None = None
     site: SiteParameters = field(default_factory=SiteParameters)
     chamber_parameters: ChamberParameters = field(default_factory=ChamberParameters)
     table_parameters: TableParameters = field(default_factory=TableParameters)
+    supply_parameters: SupplyParameters = field(default_factory=SupplyParameters)
     gyro_parameters: Mapping[str, GyroParameters] = field(default_factory=dict)
     faults: tuple[FaultSpec, ...] = ()
 
@@ -115,6 +129,9 @@ class World:
         self.env = simpy.Environment(initial_time=start_s)
         self.chamber = ChamberPlant(spec.chamber_parameters, spec.seed)
         self.table = TablePlant(spec.table_parameters, spec.seed)
+        self._powered = () if spec.supply is None else tuple(spec.duts if spec.powered is None else spec.powered)
+        self._power = PowerHistory()
+        self.supply = SupplyPlant(spec.supply_parameters, spec.seed, len(self._powered), self._power)
         self.gyros = {name: self._gyro(name, instrument) for name, instrument in spec.duts.items()}
         self._truth_dir, self._live_truth_period_s = truth_dir, live_truth_period_s
         self._truth: TruthLog | None = None
@@ -125,13 +142,14 @@ class World:
     def _gyro(self, name: str, instrument: InstrumentSpec) -> GyroUnit:
         parameters = self.spec.gyro_parameters.get(name, GyroParameters())
         data_rate_hz = float(instrument.settings.get("data_rate_hz", parameters.data_rate_hz))
-        return GyroUnit(
+        return gyro_unit(
             replace(parameters, data_rate_hz=data_rate_hz),
             self.chamber,
             self.table,
             seed=self.spec.seed,
             serial=name,
-            earth_dps=earth_rate_dps(self.spec.site.latitude_deg),
+            site=self.spec.site,
+            power=self._power if name in self._powered else None,
         )
 
     def open(self) -> None:
@@ -160,19 +178,34 @@ class World:
             yield "chamber", self.spec.chamber, self.chamber
         if self.spec.rate_table is not None:
             yield "rate_table", self.spec.rate_table, self.table
+        if self.spec.supply is not None:
+            yield "supply", self.spec.supply, self.supply
         for name, instrument in self.spec.duts.items():
             yield name, instrument, self.gyros[name]
 
     def _attach(self, name: str, instrument: InstrumentSpec, plant: Plant) -> None:
+        make, settings = _simulator(instrument.driver), dict(instrument.settings)
+        if isinstance(plant, SupplyPlant):
+            self._put(instrument.address, make(self.env, plant, settings))
+            return
         seen = self.faults.under(name, plant) if self.faults else plant
-        simulator = _simulator(instrument.driver)(self.env, seen, dict(instrument.settings))
+        simulator = make(self.env, seen, settings)
         try:
             if self.faults:
                 simulator = self.faults.over(name, simulator, plant, seen)
-            switchboard.attach(instrument.address, simulator)
+            if isinstance(plant, GyroUnit) and name in self._powered:
+                log = self.faults.log if self.faults else None
+                follow_power(name, simulator, plant, self._power, log)
         except ValueError as error:
             raise WorldError(str(error)) from error
-        self._attached.append(instrument.address)
+        self._put(instrument.address, simulator)
+
+    def _put(self, address: str, simulator: switchboard.Instrument) -> None:
+        try:
+            switchboard.attach(address, simulator)
+        except ValueError as error:
+            raise WorldError(str(error)) from error
+        self._attached.append(address)
 
     def close(self) -> None:
         """Detach every instrument and finish the truth log; closing twice is harmless."""
@@ -193,10 +226,10 @@ class World:
         self.close()
 
 
-def _simulator(driver: str) -> Callable[[simpy.Environment, Seen, dict[str, Any]], switchboard.Instrument]:
+def _simulator(driver: str) -> Maker:
     found = entry_points(group=_SIMULATORS)
     if driver not in found.names:
         names = ", ".join(sorted(found.names)) or "none: is fogbench installed?"
         raise WorldError(f"no simulator for driver {driver!r}; there are {names} (entry points {_SIMULATORS})")
     loaded = found[driver].load()
-    return cast(Callable[[simpy.Environment, Seen, dict[str, Any]], switchboard.Instrument], loaded)
+    return cast(Maker, loaded)

@@ -16,6 +16,7 @@ from drivers.ports import PORT_FAILURES, SerialPort, failed
 
 MODEL, INPUT_1, ALARM_1, ALARM_2, SETPOINT_1 = 0, 100, 102, 106, 300
 LIMIT_LOW, DECIMALS, UNIT_KIND, UNIT = 602, 606, 608, 901
+EVENT_1, EVENT_STEP, EVENTS = 2000, 10, 8
 RAMP_MODE = 1100
 
 _NEVER, _ON_CHANGE = 0, 2
@@ -35,14 +36,32 @@ _encoded = lru_cache(maxsize=256)(modbus_rtu.encode_request)
 
 @dataclass(frozen=True)
 class WatlowF4Settings:
-    """Line and address. The F4P leaves the factory with 19200 baud, 8N1, address 1."""
+    """Line and address. The F4P leaves the factory with 19200 baud, 8N1, address 1.
+
+    Fields:
+        conditioning_event: event output (1..8) that switches the chamber's conditioning on; the maker's choice. Without
+            it the chamber is taken to be on, and cannot be switched off.
+        door_register, door_open_word: the register that tells of the chamber's door, and what it holds when that is
+            open. The maker's choice as well: a digital input, or the switch raises an alarm of the controller (register
+            102 or 106; 1 is high), which then is no alarm to us. Without it nothing is known of the door.
+    """
 
     baud: int = 19200
     address: int = 1
     reply_timeout_s: float = 1.0
     tries: int = 3
+    conditioning_event: int | None = None
+    door_register: int | None = None
+    door_open_word: int = 1
+
+    @property
+    def can_switch_off(self) -> bool:
+        """Whether the driver knows what switches this chamber."""
+        return self.conditioning_event is not None
 
     def __post_init__(self) -> None:
+        if self.conditioning_event is not None and not 1 <= self.conditioning_event <= EVENTS:
+            raise ValueError(f"conditioning_event: {self.conditioning_event}; allowed are 1..{EVENTS}")
         if self.baud <= 0:
             raise ValueError(f"baud: {self.baud}; it must be above 0. The F4 speaks 9600 or 19200")
         if not 1 <= self.address <= modbus_rtu.MAX_UNIT:
@@ -51,6 +70,10 @@ class WatlowF4Settings:
             raise ValueError(f"reply_timeout: {self.reply_timeout_s:g} s; it must be above 0 s and at most 60 s")
         if not 1 <= self.tries <= 10:
             raise ValueError(f"tries: {self.tries}; allowed are 1..10")
+        if self.door_register is not None and not 0 <= self.door_register <= 0xFFFF:
+            raise ValueError(f"door_register: {self.door_register}; a register has a number from 0 to 65535")
+        if not 0 <= self.door_open_word <= 0xFFFF:
+            raise ValueError(f"door_open_word: {self.door_open_word}; a register holds 0 to 65535")
 
 
 @dataclass(frozen=True)
@@ -83,7 +106,10 @@ class WatlowF4:
 
     def __init__(self, port: SerialPort, settings: WatlowF4Settings) -> None:
         self._link = _Link(port, settings)
+        self._door = settings.door_register, settings.door_open_word
         self._scale: _Scale | None = None
+        event = settings.conditioning_event
+        self._event = None if event is None else EVENT_1 + EVENT_STEP * (event - 1)
 
     def identify(self) -> str:
         """'Watlow F4, model 5270'; reads decimals and unit afresh.
@@ -103,12 +129,32 @@ class WatlowF4:
         return self._known_scale().degc(self._link.read(SETPOINT_1))
 
     def set_setpoint_degc(self, temperature_degc: float) -> None:
-        """Set set point 1, to the nearest step the controller knows; kept in RAM only.
+        """Set set point 1, to the nearest step the controller knows; kept in RAM only. Switches conditioning on.
 
         Raises ValueError for a value that is no number or does not fit the register, and Refused outside the
         controller's own limits.
         """
-        self._link.write(SETPOINT_1, self._word("setpoint", temperature_degc))
+        word = self._word("setpoint", temperature_degc)
+        if self._event is not None:
+            self._link.write(self._event, 1)
+        self._link.write(SETPOINT_1, word)
+
+    def off(self) -> None:
+        """Switch conditioning off; the next set point switches it on again.
+
+        An F4 has no register that does so: chamber makers wire it to one of its event outputs (notes, section 3).
+        Raises ValueError if the settings do not say which.
+        """
+        self._link.write(self._switch(), 0)
+
+    def is_off(self) -> bool:
+        """Whether conditioning is switched off. Raises ValueError as `off`."""
+        return self._link.read(self._switch(), allowed=(0, 1)) == 0
+
+    def _switch(self) -> int:
+        if self._event is None:
+            raise ValueError("conditioning_event: not set, so this chamber cannot be switched off")
+        return self._event
 
     def set_ramp_degc_min(self, rate_degc_min: float | None) -> None:
         """How fast later set-point changes are approached (registers 1100-1102); None = as fast as it can.
@@ -142,9 +188,15 @@ class WatlowF4:
 
     def alarm(self) -> str | None:
         """What alarms are on ('alarm 1 high'), or None (registers 102, 106)."""
-        states = ((number, self._link.read(register)) for number, register in ((1, ALARM_1), (2, ALARM_2)))
+        registers = [(number, at) for number, at in ((1, ALARM_1), (2, ALARM_2)) if at != self._door[0]]
+        states = ((number, self._link.read(register)) for number, register in registers)
         texts = [f"alarm {number} {_ALARM_TEXTS.get(state, f'in state {state}')}" for number, state in states if state]
         return ", ".join(texts) or None
+
+    def door_open(self) -> bool | None:
+        """Whether the chamber's door is open; None if no register is known to tell."""
+        register, opened = self._door
+        return None if register is None else self._link.read(register) == opened
 
     def _known_scale(self) -> _Scale:
         if self._scale is None:

@@ -5,7 +5,8 @@ with the linear law of a `Quantity`, so that the raw columns alone are enough to
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,8 @@ from numpy.typing import NDArray
 
 Raw = NDArray[Any]
 Floats = NDArray[np.float64]
+Channels = Mapping[str, Floats]
+NO_CHANNELS: Channels = MappingProxyType({})
 
 
 @dataclass(frozen=True)
@@ -60,12 +63,13 @@ class Quantity:
 class FrameBatch:
     """n frames in the order they came, valid and without duplicates.
 
-    columns: raw values as on the wire (counts or float32/float64), keyed rate, temperature, counter, status; a frame
-    that does not carry one has no such column.
+    columns: raw values as on the wire (counts or float32/float64), keyed rate, temperature, counter, status, and by the
+    names of its channels; a frame that does not carry one has no such column.
     index: int64[n], the frame counter without its wrap-around: the first frame ever has its counter's value, a lost
     frame leaves a hole.
     rate_dps, temperature_degc (NaN where the frame has none): float64[n]. good: bool[n], the status says the reading
-    is valid, and it is a finite number.
+    is valid, and it is a finite number. channels: float64[n] of what else the frame carries, by name
+    (see `drivers.codecs.channels`); not finite where the instrument says so.
     """
 
     columns: dict[str, Raw]
@@ -73,9 +77,26 @@ class FrameBatch:
     rate_dps: Floats
     temperature_degc: Floats
     good: NDArray[np.bool_]
+    channels: dict[str, Floats] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(self.index)
+
+    def head(self, count: int) -> "FrameBatch":
+        """The first `count` frames, or all if there are no more."""
+        return self.part(0, count)
+
+    def part(self, start: int, stop: int) -> "FrameBatch":
+        """Frames start … stop - 1, counted from 0 in this batch; the same memory, not a copy."""
+        span = slice(start, stop)
+        return FrameBatch(
+            {name: values[span] for name, values in self.columns.items()},
+            self.index[span],
+            self.rate_dps[span],
+            self.temperature_degc[span],
+            self.good[span],
+            {name: values[span] for name, values in self.channels.items()},
+        )
 
     @classmethod
     def empty(cls) -> "FrameBatch":
@@ -97,6 +118,7 @@ class FrameBatch:
             np.concatenate([batch.rate_dps for batch in batches]),
             np.concatenate([batch.temperature_degc for batch in batches]),
             np.concatenate([batch.good for batch in batches]),
+            {name: np.concatenate([batch.channels[name] for batch in batches]) for name in batches[0].channels},
         )
 
 
@@ -105,17 +127,26 @@ class Meaning:
     """What the raw columns of a gyro mean: used by its driver to read them and by its simulator to make them.
 
     A status is good if (status & good_mask) == (good_value & good_mask); a healthy unit sends good_value.
+    channels: the laws of what else the frame carries, by channel name.
     """
 
     rate: Quantity
     temperature: Quantity | None = None
     good_mask: int = 0
     good_value: int = 0
+    channels: Mapping[str, Quantity] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, quantities: Mapping[str, Quantity], good_mask: int, good_value: int) -> "Meaning":
+        """The meaning with these `quantities`, as a raw file's metadata has them. Raises KeyError without a rate."""
+        others = {name: law for name, law in quantities.items() if name not in ("rate", "temperature")}
+        return cls(quantities["rate"], quantities.get("temperature"), good_mask, good_value, others)
 
     @property
     def quantities(self) -> dict[str, Quantity]:
         """The law of each column that is a number, by column name."""
-        return {"rate": self.rate} | ({"temperature": self.temperature} if self.temperature else {})
+        temperature = {"temperature": self.temperature} if self.temperature else {}
+        return {"rate": self.rate, **temperature, **self.channels}
 
     def batch(self, columns: dict[str, Raw], index: NDArray[np.int64]) -> FrameBatch:
         """FrameBatch of raw columns (keys as in `FrameBatch.columns`), each of n values, and their int64[n] index."""
@@ -128,14 +159,21 @@ class Meaning:
         if "status" in columns:
             status = columns["status"]
             good &= (status & self.good_mask) == self.good_value & self.good_mask
-        return FrameBatch(columns, index, rate_dps, temperature_degc, good)
+        channels = {name: law.value(columns[name]) for name, law in self.channels.items()}
+        return FrameBatch(columns, index, rate_dps, temperature_degc, good, channels)
 
     def raw_columns(
-        self, rate_dps: Floats, temperature_degc: Floats, good: NDArray[np.bool_], kinds: Mapping[str, RawType]
+        self,
+        rate_dps: Floats,
+        temperature_degc: Floats,
+        good: NDArray[np.bool_],
+        kinds: Mapping[str, RawType],
+        channels: Channels = NO_CHANNELS,
     ) -> dict[str, Raw | int]:
-        """What a gyro would send; `kinds` holds the raw type of each column wanted (rate, temperature, status).
+        """What a gyro would send; `kinds` holds the raw type of each column wanted (rate, temperature, status, ...).
 
-        rate_dps, temperature_degc: float64[n]; good: bool[n]. A status that is good throughout comes as one int.
+        rate_dps, temperature_degc, each of the channels: float64[n]; good: bool[n]. A status that is good throughout
+        comes as one int; a channel that is not given, or that the frame does not carry, does not come.
         """
         columns: dict[str, Raw | int] = {"rate": self.rate.raw(rate_dps, kinds["rate"])}
         if self.temperature is not None:
@@ -146,4 +184,7 @@ class Meaning:
                 columns["status"] = self.good_value
             else:
                 columns["status"] = np.where(good, self.good_value, bad_value).astype(kinds["status"].dtype)
+        for name, law in self.channels.items():
+            if name in channels:
+                columns[name] = law.raw(channels[name], kinds[name])
         return columns

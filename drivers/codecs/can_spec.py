@@ -2,11 +2,12 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any
 
 from drivers.codecs.batch import Meaning, Quantity, Raw, RawType
+from drivers.codecs.channels import unit_of
 from drivers.codecs.dbc import EXTENDED, PAYLOAD_BYTES, Message, Payload, Signal, encode_messages, parse_dbc
 from drivers.codecs.declared import FrameSpecError, did_you_mean, find_file, packaged_folder, read_small, whole_number
 
@@ -21,6 +22,7 @@ DEFAULTS: Mapping[str, Any] = MappingProxyType(
         **dict.fromkeys(("message", "can_id", "rate_unit", "temperature_unit", "counter_modulo", "good_mask")),
         **{role: role for role in ("rate", "temperature", "counter", "status")},
         "good_value": 0,
+        "channels": MappingProxyType({}),
     }
 )
 
@@ -41,11 +43,22 @@ TEMPERATURE_UNITS: Mapping[str, tuple[float, float]] = MappingProxyType(
         "K": (1.0, -273.15),
     }
 )
+# unit of a channel (`drivers.codecs.channels`) -> what DBC files write for it, with (factor, offset) to it
+CHANNEL_UNITS: Mapping[str, Mapping[str, tuple[float, float]]] = MappingProxyType(
+    {
+        "degC": TEMPERATURE_UNITS,
+        "deg/s": MappingProxyType({unit: (f, 0.0) for unit, (f, per_second) in RATE_UNITS.items() if per_second}),
+        "g": MappingProxyType({"g": (1.0, 0.0), **dict.fromkeys(("m/s^2", "m/s²", "m/s2"), (1.0 / 9.80665, 0.0))}),
+    }
+)
 
 
 @dataclass(frozen=True)
 class CanSpec:
-    """One message of a DBC read as a gyro's frame. `signals`: those used, keyed rate, temperature, counter, status."""
+    """One message of a DBC read as a gyro's frame.
+
+    signals: those used, keyed rate, temperature, counter, status, and by the names of channels. channel_laws: by name.
+    """
 
     message: Message
     can_id: int
@@ -56,6 +69,7 @@ class CanSpec:
     temperature_law: Quantity | None
     good_mask: int
     good_value: int
+    channel_laws: Mapping[str, Quantity] = field(default_factory=dict)
 
     @classmethod
     def from_settings(cls, settings: Mapping[str, Any]) -> "CanSpec":
@@ -77,6 +91,8 @@ class CanSpec:
         roles = [role for role in ("rate", "temperature", "counter", "status") if settings[role] is not None]
         signals = {role: _pick(message, role, settings[role]) for role in roles}
         factor, per_second = _unit(signals["rate"], "rate", settings["rate_unit"], RATE_UNITS)
+        channels = _channels(message, settings["channels"] or {})
+        signals |= {name: signal for name, (signal, _) in channels.items()}
         good_mask, good_value = _good(signals.get("status"), settings)
         return cls(
             message=message,
@@ -88,6 +104,7 @@ class CanSpec:
             temperature_law=_temperature_law(signals.get("temperature"), settings["temperature_unit"]),
             good_mask=good_mask,
             good_value=good_value,
+            channel_laws=MappingProxyType({name: law for name, (_, law) in channels.items()}),
         )
 
     @property
@@ -99,10 +116,10 @@ class CanSpec:
         """How its raw columns are read at a data rate: an increment per frame times frames per second is a rate."""
         factor = data_rate_hz if self.rate_is_increment else 1.0
         rate = Quantity(self.rate_law.scale * factor, self.rate_law.offset * factor, "deg/s")
-        return Meaning(rate, self.temperature_law, self.good_mask, self.good_value)
+        return Meaning(rate, self.temperature_law, self.good_mask, self.good_value, self.channel_laws)
 
     def encode(self, columns: Mapping[str, Raw | int], count: int) -> Payload:
-        """Payloads uint8[count, 8] of raw values by role (rate, temperature, counter, status)."""
+        """Payloads uint8[count, 8] of raw values by role (rate, temperature, counter, status, names of channels)."""
         by_signal = {self.signals[role].name: values for role, values in columns.items()}
         return encode_messages(self.message, by_signal, count)
 
@@ -162,6 +179,25 @@ def _temperature_law(signal: Signal | None, unit: str | None) -> Quantity | None
         return None
     factor, offset = _unit(signal, "temperature", unit, TEMPERATURE_UNITS)
     return Quantity(signal.scale * factor, signal.offset * factor + offset, "degC")
+
+
+def _channels(message: Message, settings: Mapping[str, str]) -> dict[str, tuple[Signal, Quantity]]:
+    """Signal and law of each channel, its value in the unit its name ends in."""
+    channels: dict[str, tuple[Signal, Quantity]] = {}
+    for name, chosen in settings.items():
+        try:
+            unit = unit_of(str(name))
+        except ValueError as error:
+            raise FrameSpecError(f"channels: {error}") from None
+        signal = _pick(message, f"channels.{name}", chosen)
+        known = CHANNEL_UNITS.get(unit, {unit: (1.0, 0.0)})
+        written = signal.unit.replace("\xc2", "") or unit
+        if written not in known:
+            text = f"signal {signal.name} has the unit '{written}', but the name says {unit}"
+            raise FrameSpecError(f"channels.{name}: {text}. Allowed in the DBC: {', '.join(known)}, or none")
+        factor, offset = known[written]
+        channels[name] = signal, Quantity(signal.scale * factor, signal.offset * factor + offset, unit)
+    return channels
 
 
 def _modulo(signal: Signal | None, modulo: int | None) -> int | None:

@@ -50,6 +50,10 @@ class Keys:
         """The value, None if missing."""
         return self._mapping.get(key)
 
+    def names(self) -> list[str]:
+        """All keys there are, where a user chooses them."""
+        return [str(key) for key in self._mapping]
+
     def required(self, key: str, what: str) -> Any:
         """The value. `what` says in the message what is missing."""
         value = self.get(key)

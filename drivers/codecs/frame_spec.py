@@ -11,6 +11,9 @@ counter: {field: counter, modulo: 256, step: 1}          # step: how much it cou
 rate: {field: rate, kind: rate, unit: deg, scale: 1e-6}  # kind: rate (per second) or increment (since the last frame)
 temperature: {field: temp, unit: degC, scale: 0.01, offset: 0}   # value = raw * scale + offset
 status: {field: status, good_mask: 0x01, good_value: 0x01}
+channels:                       # what else it carries; names end in the unit (see `drivers.codecs.channels`)
+  anode_degc: {field: t1, scale: 0.01, offset: 0}        # value = raw * scale + offset, in the unit of the name
+                                                         # a field may be the temperature and a channel too
 """
 
 import math
@@ -20,6 +23,7 @@ from types import MappingProxyType
 from typing import Any
 
 from drivers.codecs.batch import Meaning, Quantity
+from drivers.codecs.channels import unit_of
 from drivers.codecs.crc import CHECKSUMS, Crc
 from drivers.codecs.declared import FrameSpecError, Keys, load_declaration, whole_number
 from drivers.codecs.layout import FIELD_TYPES, ChecksumPlace, Field
@@ -45,7 +49,10 @@ class Counter:
 
 @dataclass(frozen=True)
 class FrameSpec:
-    """A declared frame. `rate`, `temperature`, `status` name the fields with these meanings."""
+    """A declared frame. `rate`, `temperature`, `status` name the fields with these meanings.
+
+    channels, channel_laws: field and law of each channel, by its name.
+    """
 
     name: str
     length: int
@@ -62,6 +69,8 @@ class FrameSpec:
     status: Field | None
     good_mask: int
     good_value: int
+    channels: Mapping[str, Field]
+    channel_laws: Mapping[str, Quantity]
 
     @classmethod
     def from_mapping(cls, declaration: Mapping[str, Any]) -> "FrameSpec":
@@ -85,14 +94,14 @@ class FrameSpec:
         """How its raw columns are read at a data rate: an increment per frame times frames per second is a rate."""
         factor = data_rate_hz if self.rate_is_increment else 1.0
         rate = Quantity(self.rate_law.scale * factor, self.rate_law.offset * factor, "deg/s")
-        return Meaning(rate, self.temperature_law, self.good_mask, self.good_value)
+        return Meaning(rate, self.temperature_law, self.good_mask, self.good_value, self.channel_laws)
 
     @property
     def columns(self) -> dict[str, Field]:
-        """The fields a FrameBatch keeps, by their meaning: rate, temperature, counter, status."""
+        """The fields a FrameBatch keeps, by their meaning: rate, temperature, counter, status, names of channels."""
         counter = self.counter.field if self.counter else None
         fields = {"rate": self.rate, "temperature": self.temperature, "counter": counter, "status": self.status}
-        return {meaning: field for meaning, field in fields.items() if field}
+        return {meaning: field for meaning, field in fields.items() if field} | dict(self.channels)
 
 
 class _Reading:
@@ -100,7 +109,7 @@ class _Reading:
 
     def __init__(self, keys: Keys) -> None:
         self.keys = keys
-        keys.only("name", "length", "header", "trailer", "byte_order", "fields", "checksum", *_ROLES)
+        keys.only("name", "length", "header", "trailer", "byte_order", "fields", "checksum", *_ROLES, "channels")
         self.name = keys.text("name", "what reports call the frame")
         self.length = keys.integer("length", 2, LONGEST_FRAME, what="the bytes of one frame")
         self.byte_order = keys.choice("byte_order", ("big", "little"), "big", "the order of bytes in a number")
@@ -116,9 +125,12 @@ class _Reading:
         rate, is_increment, rate_law = self._rate(fields)
         temperature, temperature_law = self._temperature(fields)
         status, mask, value = self._status(fields)
+        channels = self._channels(fields)
         return FrameSpec(
             self.name, self.length, self.header, self.trailer, MappingProxyType(fields), checksum, counter,
             rate, is_increment, rate_law, temperature, temperature_law, status, mask, value,
+            MappingProxyType({name: field for name, (field, _) in channels.items()}),
+            MappingProxyType({name: law for name, (_, law) in channels.items()}),
         )  # fmt: skip
 
     def _fixed(self, key: str, value: Any) -> bytes:
@@ -228,6 +240,22 @@ class _Reading:
         mask = keys.integer("good_mask", 0, largest, default=largest)
         value = keys.integer("good_value", 0, largest, what="the status of a healthy unit")
         return field, mask, value
+
+    def _channels(self, fields: Mapping[str, Field]) -> dict[str, tuple[Field, Quantity]]:
+        channels: dict[str, tuple[Field, Quantity]] = {}
+        listed = self.keys.section("channels")
+        for name in listed.names() if listed else ():
+            assert listed is not None
+            try:
+                unit = unit_of(name)
+            except ValueError as error:
+                raise listed.error(name, str(error)) from None
+            keys = listed.section(name)
+            if keys is None:
+                raise listed.error(name, "is empty; it says which field is the channel: {field, scale, offset}")
+            keys.only("field", "scale", "offset")
+            channels[name] = self._one_of(keys, fields, integer=False), _law(keys, 1.0, 0.0, unit)
+        return channels
 
 
 def _law(keys: Keys, factor: float, offset: float, unit: str) -> Quantity:

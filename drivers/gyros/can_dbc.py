@@ -1,6 +1,6 @@
 """Any gyro that sends its readings in one CAN message described by a DBC file."""
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from typing import ClassVar, Literal
 
 import numpy as np
@@ -25,6 +25,7 @@ class CanGyroSettings:
     counter, status: names of signals; all but the rate may be null. rate_unit, temperature_unit: if the DBC does not
     say; 'deg' and 'rad' are angle increments since the last message. counter_modulo: if it does not use all its bits.
     A status is good if (status & good_mask) == (good_value & good_mask); good_mask null: all bits.
+    channels: signals with what else the message carries, by a name that ends in the unit: {case_degc: t_case}.
     """
 
     dbc: str = "fog_gyro"
@@ -40,6 +41,7 @@ class CanGyroSettings:
     status: str | None = "status"
     good_mask: int | str | None = None
     good_value: int | str = 0
+    channels: dict[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if not 0.0 < self.data_rate_hz < 1e6:

@@ -49,7 +49,11 @@ class FrameFates:
         self._clock = clock
         self._rules: dict[str, list[Rule]] = {}
         for rule in rules:
-            self._rules.setdefault(rule.spec.name, []).append(rule)
+            self.add(rule)
+
+    def add(self, rule: Rule) -> None:
+        """One more rule."""
+        self._rules.setdefault(rule.spec.name, []).append(rule)
 
     def rules(self, name: str) -> list[Rule]:
         """The rules with this fault's name."""

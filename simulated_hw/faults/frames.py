@@ -29,6 +29,10 @@ class StreamFaults:
         # Frames before this one are in the log, whoever asks for them again.
         self._logged = 0
 
+    def add(self, rule: Rule) -> None:
+        """One more fault."""
+        self._fates.add(rule)
+
     def arrived_until(self, now_s: float) -> int:
         """How many frames have reached the host by now, or were lost on the way."""
         late = (window for rule in self._fates.rules("late") for window in rule.windows.until(now_s))

@@ -62,6 +62,13 @@ class Alarming(Protocol):
     def show_alarm(self, alarm: Literal[1, 2], state: Literal["high", "low"] | None) -> None: ...
 
 
+@runtime_checkable
+class Doored(Protocol):
+    """A simulated chamber controller that the door's switch is wired to."""
+
+    def show_door(self, opened: bool) -> None: ...
+
+
 class Faults:
     """All faults of one world. A fault that an instrument's simulator cannot show raises ValueError."""
 
@@ -132,7 +139,9 @@ class Faults:
                 return lambda on: panel.show_alarm(fault.alarm, fault.state if on else None)
             if isinstance(fault, SensorBreak):
                 return partial(seen.break_sensor, fault.reading_degc)
-            return partial(seen.alter, fault) if isinstance(fault, DoorOpen | WeakCooling) else None
+            if isinstance(fault, DoorOpen):
+                return partial(_open_door, seen, fault, simulator)
+            return partial(seen.alter, fault) if isinstance(fault, WeakCooling) else None
         return (lambda on: None) if rule.spec.name in _LASTING else None
 
     def _table_switch(
@@ -165,6 +174,12 @@ class Faults:
     def close(self) -> None:
         """Finish the log; closing twice is harmless."""
         self.log.close()
+
+
+def _open_door(chamber: FaultyChamber, fault: DoorOpen, simulator: switchboard.Instrument, on: bool) -> None:
+    chamber.alter(fault, on)
+    if isinstance(simulator, Doored):
+        simulator.show_door(chamber.doors_open > 0)
 
 
 def _able(simulator: switchboard.Instrument, needed: Callable[..., Needed], rule: Rule) -> Needed:

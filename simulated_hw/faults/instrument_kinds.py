@@ -160,7 +160,8 @@ class SensorBreak(Script):
 
 @dataclass(frozen=True)
 class DoorOpen(Script):
-    """The chamber's door is open: heat flows to and from the room many times faster.
+    """The chamber's door is open: heat flows to and from the room many times faster. The controller shows it if it has
+    a register for its switch (setting door_register of the watlow_f4).
 
     Fields:
         leak: how many times; 20 to 50 is usual.

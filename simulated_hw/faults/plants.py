@@ -141,6 +141,10 @@ class FaultyChamber:
         """Move the setpoint."""
         self._plant.command(now_s, setpoint_degc, ramp_degc_min)
 
+    def switch(self, now_s: float, on: bool) -> None:
+        """Switch conditioning."""
+        self._plant.switch(now_s, on)
+
     def probe_degc(self, now_s: float) -> float:
         """What the controller shows."""
         return self._broken[-1] if self._broken else self._plant.probe_degc(now_s)
@@ -155,6 +159,11 @@ class FaultyChamber:
             self._broken.append(reading_degc)
         else:
             self._broken.remove(reading_degc)
+
+    @property
+    def doors_open(self) -> int:
+        """How many faults hold the door open."""
+        return sum(isinstance(fault, DoorOpen) for fault in self._altered)
 
     def alter(self, fault: DoorOpen | WeakCooling, on: bool) -> None:
         """Begin or end what changes the machine itself; several at a time multiply."""

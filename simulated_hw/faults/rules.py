@@ -9,7 +9,7 @@ import numpy as np
 from simulated_hw.faults.draws import Bursts, Events, Places
 from simulated_hw.faults.gyro_kinds import BurstLoss
 from simulated_hw.faults.kinds import FaultSpec
-from simulated_hw.faults.script import Windows
+from simulated_hw.faults.script import Times
 from simulated_hw.physics.streams import Stream
 
 
@@ -31,12 +31,12 @@ class Rule:
 
     number: int
     spec: FaultSpec
-    windows: Windows
+    windows: Times
     detail: Stream
     draws: Events | Bursts | None
 
     @classmethod
-    def of(cls, number: int, spec: FaultSpec, windows: Windows, seed: int) -> "Rule":
+    def of(cls, number: int, spec: FaultSpec, windows: Times, seed: int) -> "Rule":
         """The streams' keys are the seed, the instrument and the place in the bench file: no fault changes another."""
         stream = Stream(seed, spec.on, f"fault {number}")
         detail = Stream(seed, spec.on, f"fault {number}", "detail")

@@ -101,6 +101,23 @@ class Script:
             require(self, 0.0 <= getattr(self, field) <= 1.0, field, "a probability, 0 to 1")
 
 
+class Times(Protocol):
+    """When a fault is on."""
+
+    @property
+    def complete(self) -> bool:
+        """No further window can come."""
+        ...
+
+    def until(self, now_s: float) -> list[tuple[float, float]]:
+        """All windows (begin, end) that began by now, in order; the end of one that is open is infinite."""
+        ...
+
+    def active(self, now_s: float) -> bool:
+        """Whether the fault is on at this instant."""
+        ...
+
+
 class Windows:
     """The times during which a script's fault is on, found as far as somebody asks.
 
@@ -150,7 +167,7 @@ class Windows:
 
 
 def follow(
-    env: simpy.Environment, windows: Windows, begin: Callable[[], None], end: Callable[[], None], instant: bool
+    env: simpy.Environment, windows: Times, begin: Callable[[], None], end: Callable[[], None], instant: bool
 ) -> Generator[simpy.Event, Any, None]:
     """A process of the world that calls `begin` and `end` where windows begin and end.
 

@@ -52,7 +52,7 @@ class LyingGyro:
                     rate[a - first : b - first] = self._held_dps(begin)
                     self._note(rule, np.arange(a, b))
         self._logged = max(self._logged, end)
-        return GyroBlock(rate, true.temperature_degc, true.good)
+        return GyroBlock(rate, true.temperature_degc, true.good, true.channels)
 
     def _held_dps(self, begin: int) -> float:
         """The rate that is repeated from frame `begin` on."""

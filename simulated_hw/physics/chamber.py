@@ -5,7 +5,7 @@ The history is kept, so instants before the latest command can be asked for (a b
 """
 
 from bisect import bisect_right
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import inf, isfinite
 
 import numpy as np
@@ -24,6 +24,8 @@ _SCAN = np.arange(_SCAN_STEPS + 1, dtype=np.float64) * _SCAN_STEP_S
 # Root finding to 1 µs: 2 s halved 21 times.
 _HALVINGS = 21
 _PROBE_UPDATE_S = 0.5
+# What a chamber that is switched off does not have.
+_OFF = {"heating_power_w": 0.0, "cooling_power_w": 0.0, "cooling_slope_w_k": 0.0, "fan_power_w": 0.0}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,6 +57,7 @@ class ChamberPlant:
     def __init__(self, parameters: ChamberParameters, seed: int) -> None:
         self.parameters = parameters
         self.laws = ChamberLaws(parameters)
+        self._machine, self._on = parameters, True
         self.probe_offset_k = float(
             Stream(seed, "chamber", "probe offset").chunk(0).standard_normal() * parameters.probe_offset_sigma_k
         )
@@ -101,12 +104,19 @@ class ChamberPlant:
         """From now on another machine in the same state: a door open, a compressor weak. `parameters` stays the healthy
         one's, whose limits and readings hold on.
         """
+        self._machine = parameters
         latest = self._cut(now_s)
         state, setpoint = latest.trajectory.state(now_s - latest.start_s), latest.setpoint_at(now_s)
-        self.laws = ChamberLaws(parameters)
+        self.laws = ChamberLaws(parameters if self._on else replace(parameters, **_OFF))
         pace = abs(latest.slope_k_s) if latest.slope_k_s else inf
         self._append(self._piece(now_s, state, setpoint, latest.final_degc, pace))
         self.commands_s.append(now_s)
+
+    def switch(self, now_s: float, on: bool) -> None:
+        """Switch conditioning: off, neither heater, compressor nor fan runs, and the setpoint waits."""
+        if on != self._on:
+            self._on = on
+            self.alter(now_s, self._machine)
 
     def _pace(self, ramp_degc_min: float | None) -> float:
         own = self.parameters.max_ramp_degc_min
@@ -209,8 +219,14 @@ class ChamberPlant:
         """The internal setpoint, on its way along the ramp."""
         return self._at(now_s)[0].setpoint_at(now_s)
 
+    def commanded_degc(self, now_s: float) -> float:
+        """The setpoint commanded, where the ramp under way ends."""
+        return self._at(now_s)[0].final_degc
+
     def power_percent(self, now_s: float) -> float:
         """Controller output: +100 full heating, -100 full cooling."""
+        if not self._on:
+            return 0.0
         piece, elapsed = self._at(now_s)
         if piece.law is not Law.REGULATED:
             return 100.0 if piece.law is Law.HEATING else -100.0

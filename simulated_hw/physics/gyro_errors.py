@@ -23,6 +23,7 @@ class ErrorModel:
         self.alpha = source.alpha
         self.k3 = 0.0 if surface else parameters.curves.k3_ppm * _PPM / parameters.max_rate_dps**2
         self.asymmetry = 0.0 if surface else parameters.curves.asymmetry_ppm * _PPM
+        self.dead_band_dps = 0.0 if surface else parameters.curves.dead_band_dph / DPH_PER_DPS
         self.scale, self.bias_dps = _surface(parameters.surface) if surface else _curves(parameters.curves)
 
     def respond(self, rate_dps: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -41,6 +42,13 @@ class ErrorModel:
         temperature, rate = np.broadcast_arrays(temperature_degc, rate_dps)
         response = self.respond(np.array(rate, dtype=np.float64))
         return (1.0 + self.scale(temperature)) * response + self.bias_dps(temperature)
+
+
+def stuck_in_dead_band(rate_dps: NDArray[np.float64], band_dps: float) -> NDArray[np.float64]:
+    """What a closed loop that sticks at 0 within ± band makes of it; far beyond the band, nothing."""
+    size = np.abs(rate_dps)
+    free = rate_dps - np.copysign(band_dps * np.exp(-np.maximum(size - band_dps, 0.0) / band_dps), rate_dps)
+    return np.where(size < band_dps, 0.0, free)
 
 
 def _surface(p: SurfaceParameters) -> tuple[Curve, Curve]:

@@ -1,11 +1,11 @@
-"""What a user may say about a simulated gyro: frozen dataclasses, checked when made, and the named classes of gyros."""
+"""What a user may say about a simulated gyro: frozen dataclasses, checked when made."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
-from types import MappingProxyType
 from typing import Literal
 
 from simulated_hw.physics.parameters import require, require_finite, require_not_negative, require_positive
+from simulated_hw.physics.ring_laser_parameters import RingLaserParameters
+from simulated_hw.physics.seeker_parameters import SeekerParameters
 
 
 @dataclass(frozen=True)
@@ -53,6 +53,8 @@ class CurveParameters:
         bias_temperatures_degc, bias_values_dph: the table instead of it.
         alpha: Sagnac phase per input rate of an open-loop gyro, rad/(°/s); 0 for a closed loop.
         k3_ppm, asymmetry_ppm: scale-factor nonlinearity at full rate, and difference between the two senses (half).
+        dead_band_dph: within ± this a closed loop sticks at 0 (cross-talk). It acts on all that is measured, bias and
+            the noise of each frame included: noise above it fills it, as in reality. 0 for none.
     """
 
     reference_degc: float = 25.0
@@ -65,10 +67,11 @@ class CurveParameters:
     alpha: float = 0.0
     k3_ppm: float = 0.0
     asymmetry_ppm: float = 0.0
+    dead_band_dph: float = 0.0
 
     def __post_init__(self) -> None:
         require_finite(self, "reference_degc", "scale_polynomial", "bias_polynomial", "k3_ppm", "asymmetry_ppm")
-        require_not_negative(self, "alpha")
+        require_not_negative(self, "alpha", "dead_band_dph")
         self._check_table("scale_temperatures_degc", "scale_values_ppm", "scale_polynomial")
         self._check_table("bias_temperatures_degc", "bias_values_dph", "bias_polynomial")
 
@@ -166,74 +169,39 @@ class RepeatabilityParameters:
 
 @dataclass(frozen=True)
 class GyroParameters:
-    """A fibre-optic gyro under test, its sensitive axis up (counter-clockwise positive).
+    """A gyro under test, its sensitive axis up (counter-clockwise positive) unless it is a north seeker.
 
     Fields:
-        model: which error model: 'surface_a' (the numbers of `surface`) or 'curves' (those of `curves`).
+        kind: 'single_axis', or 'north_seeker': two gyros and two accelerometers with level axes (see `seeker`).
+        model: which error model: 'surface_a' (the numbers of `surface`), 'curves' (those of `curves`) or 'ring_laser'
+            (those of `curves` and `ring_laser`).
         data_rate_hz: frames per second, each the mean rate since the frame before. clock_offset_ppm: of its clock.
         max_rate_dps: full scale; beyond it the output is clipped and the status says so.
-        turn_on_bias_sigma_dph: hidden bias of this power-on.
-        surface, curves, thermal, sensor, noise, repeatability: see there.
+        turn_on_bias_sigma_dph, turn_on_scale_sigma_ppm: hidden bias and scale-factor error of each power-on.
+        surface, curves, ring_laser, seeker, thermal, sensor, noise, repeatability: see there.
     """
 
-    model: Literal["surface_a", "curves"] = "surface_a"
+    kind: Literal["single_axis", "north_seeker"] = "single_axis"
+    model: Literal["surface_a", "curves", "ring_laser"] = "surface_a"
     data_rate_hz: float = 100.0
     clock_offset_ppm: float = 8.0
     max_rate_dps: float = 200.0
     turn_on_bias_sigma_dph: float = 0.3
+    turn_on_scale_sigma_ppm: float = 0.0
     surface: SurfaceParameters = field(default_factory=SurfaceParameters)
     curves: CurveParameters = field(default_factory=CurveParameters)
+    ring_laser: RingLaserParameters = field(default_factory=RingLaserParameters)
+    seeker: SeekerParameters = field(default_factory=SeekerParameters)
     thermal: ThermalParameters = field(default_factory=ThermalParameters)
     sensor: SensorParameters = field(default_factory=SensorParameters)
     noise: NoiseParameters = field(default_factory=NoiseParameters)
     repeatability: RepeatabilityParameters = field(default_factory=RepeatabilityParameters)
 
     def __post_init__(self) -> None:
-        require(self, self.model in ("surface_a", "curves"), "model", "'surface_a' or 'curves'")
+        require(self, self.kind in ("single_axis", "north_seeker"), "kind", "'single_axis' or 'north_seeker'")
+        allowed = "'surface_a', 'curves' or 'ring_laser'"
+        require(self, self.model in ("surface_a", "curves", "ring_laser"), "model", allowed)
         require_positive(self, "data_rate_hz", "max_rate_dps")
-        require_not_negative(self, "turn_on_bias_sigma_dph")
+        require_not_negative(self, "turn_on_bias_sigma_dph", "turn_on_scale_sigma_ppm")
         require_finite(self, "clock_offset_ppm")
         require(self, abs(self.clock_offset_ppm) < 1e5, "clock_offset_ppm", "between -100000 and 100000")
-
-
-def _variant_b() -> GyroParameters:
-    """Surface A's sibling from another maker's batch: later and wider transition, other slopes and constants."""
-    return GyroParameters(
-        clock_offset_ppm=-12.0,
-        surface=SurfaceParameters(k0=0.041, k1=0.0165, t0_degc=17.5, w_k=18.0, alpha=0.0012, b0_dps=-0.33, b1_dps=0.31),
-        thermal=ThermalParameters(housing_s=1080.0, coil_outer_s=330.0, coil_inner_s=420.0, self_heating_k=4.0),
-        sensor=SensorParameters(lag_s=15.0),
-        noise=NoiseParameters(arw_deg_sqrt_h=0.04, bias_instability_dph=0.4),
-    )
-
-
-def _by_curves(a1: float, b: tuple[float, ...], curves: tuple[float, float], noise: NoiseParameters) -> GyroParameters:
-    return GyroParameters(
-        model="curves",
-        max_rate_dps=400.0,
-        curves=CurveParameters(
-            scale_polynomial=(0.0, a1), bias_polynomial=b, k3_ppm=curves[0], asymmetry_ppm=curves[1]
-        ),
-        noise=noise,
-        repeatability=RepeatabilityParameters(scale_ppm=curves[0] / 3, bias_dph=b[0] / 10, sensor_k=0.1),
-    )
-
-
-# The pair of the `ts` experiment, then virtual units of three grades with the usual datasheet values of each grade.
-GYRO_CLASSES: Mapping[str, GyroParameters] = MappingProxyType(
-    {
-        "ts_a": GyroParameters(),
-        "ts_b": _variant_b(),
-        "tactical": _by_curves(60.0, (3.0, 0.02, 5e-4), (100.0, 50.0), NoiseParameters(0.05, 0.5, 0.5, 0.0, 0.3)),
-        "navigation": _by_curves(5.0, (0.1, 1e-3, 2e-5), (15.0, 8.0), NoiseParameters(0.005, 0.02, 0.01, 0.0, 0.02)),
-        "high_end": _by_curves(1.0, (0.02, 1e-4, 2e-6), (3.0, 1.0), NoiseParameters(3e-4, 5e-4, 5e-4, 0.0, 0.0015)),
-    }
-)
-
-
-def gyro_class(name: str) -> GyroParameters:
-    """The parameters of a named class of gyros. Raises ValueError listing the names."""
-    try:
-        return GYRO_CLASSES[name]
-    except KeyError:
-        raise ValueError(f"no gyro class {name!r}; there are {', '.join(GYRO_CLASSES)}") from None

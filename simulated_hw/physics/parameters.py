@@ -147,10 +147,13 @@ class SiteParameters:
 
     Fields:
         latitude_deg: geographic latitude, north positive; None leaves the earth's rotation out.
+        azimuth_deg: where the x axis of a level DUT points when the table stands at 0, clockwise from north.
     """
 
     latitude_deg: float | None = None
+    azimuth_deg: float | None = None
 
     def __post_init__(self) -> None:
+        require(self, self.azimuth_deg is None or isfinite(self.azimuth_deg), "azimuth_deg", "finite")
         if self.latitude_deg is not None:
             require(self, -90.0 <= self.latitude_deg <= 90.0, "latitude_deg", "from -90 to 90")

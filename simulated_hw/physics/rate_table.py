@@ -160,6 +160,16 @@ class TablePlant:
         """The servo's rate without ripple, for the truth log."""
         return self._at(now_s).state(now_s)[1]
 
+    def angles_deg(self, times_s: NDArray[np.float64]) -> NDArray[np.float64]:
+        """True angle, bearing error included, at rising times; whole turns are left out now and then."""
+        times = np.ascontiguousarray(times_s, dtype=np.float64)
+        out = np.empty_like(times)
+        which = np.searchsorted(np.array(self._starts_s), times, side="right") - 1
+        for index in np.unique(which).tolist():
+            motion, mine = self._motions[index], which == index
+            out[mine] = motion.angle_deg + motion.turned_deg(times[mine])
+        return out + self._errors.at(out)
+
     def mean_rate_dps(self, edges_s: NDArray[np.float64]) -> NDArray[np.float64]:
         """True mean rate between rising edges, shape (len(edges) - 1,): angle difference over time difference."""
         edges = np.ascontiguousarray(edges_s, dtype=np.float64)

@@ -11,7 +11,7 @@ from drivers.codecs.can_spec import CanSpec
 from drivers.codecs.counters import counter_values
 from drivers.codecs.dbc import EXTENDED
 from simulated_hw.faults.frames import StreamFaults
-from simulated_hw.wire.gyro_physics import GyroPhysics
+from simulated_hw.wire.gyro_physics import GyroPhysics, channels_of
 
 Times = TypeVar("Times", float, NDArray[np.float64])
 
@@ -71,7 +71,8 @@ class SimulatedCanGyro:
     def payload(self, first: int, end: int) -> NDArray[np.uint8]:
         """What arrives of messages first ... end - 1, uint8[n, 8], unused bytes zero."""
         block = self._gyro.block(first, end)
-        raw = self._meaning.raw_columns(block.rate_dps, block.temperature_degc, block.good, self._spec.raw_types)
+        values = block.rate_dps, block.temperature_degc, block.good
+        raw = self._meaning.raw_columns(*values, self._spec.raw_types, channels_of(block))
         if self._spec.counter_modulo:
             if self.faults:
                 raw["counter"] = self.faults.counters(first, end, self._spec.counter_modulo)

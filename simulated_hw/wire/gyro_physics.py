@@ -5,12 +5,14 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.codecs.batch import NO_CHANNELS, Channels
+
 # Frames made and encoded together: enough to be fast, few enough to stay in the processor's second-level cache.
 SLICE_FRAMES = 8192
 
 
 class GyroBlock(Protocol):
-    """Consecutive frames: float64[n], float64[n], bool[n]."""
+    """Consecutive frames: float64[n], float64[n], bool[n]; it may have `channels` too, by name float64[n] each."""
 
     @property
     def rate_dps(self) -> NDArray[np.float64]: ...
@@ -32,3 +34,9 @@ class GyroPhysics(Protocol):
     def block(self, first: int, end: int, /) -> GyroBlock:
         """Frames first ... end - 1."""
         ...
+
+
+def channels_of(block: GyroBlock) -> Channels:
+    """What physics stands behind a block's channels: by name float64[n]."""
+    channels: Channels = getattr(block, "channels", NO_CHANNELS)
+    return channels

@@ -10,7 +10,7 @@ from drivers.codecs.counters import counter_values
 from drivers.codecs.frame_spec import FrameSpec
 from drivers.codecs.frames import encode
 from simulated_hw.faults.frames import StreamFaults
-from simulated_hw.wire.gyro_physics import SLICE_FRAMES, GyroPhysics
+from simulated_hw.wire.gyro_physics import SLICE_FRAMES, GyroPhysics, channels_of
 
 _BAUD = 921_600
 
@@ -52,13 +52,14 @@ class SimulatedSerialGyro:
 
     def _encoded(self, first: int, end: int) -> bytes:
         block = self._gyro.block(first, end)
-        raw = self._meaning.raw_columns(block.rate_dps, block.temperature_degc, block.good, self._kinds)
+        values = block.rate_dps, block.temperature_degc, block.good
+        raw = self._meaning.raw_columns(*values, self._kinds, channels_of(block))
         columns: dict[str, Raw | int | float] = {self._spec.columns[role].name: raw[role] for role in raw}
         if counter := self._spec.counter:
             if self.faults:
-                values = self.faults.counters(first, end, counter.modulo, counter.step)
+                counts = self.faults.counters(first, end, counter.modulo, counter.step)
             else:
-                values = counter_values(first, end - first, counter.modulo, counter.step)
-            columns[counter.field.name] = values.astype(counter.field.raw_type.dtype, copy=False)
+                counts = counter_values(first, end - first, counter.modulo, counter.step)
+            columns[counter.field.name] = counts.astype(counter.field.raw_type.dtype, copy=False)
         rows = encode(self._spec, columns, end - first)
         return self.faults.sent_bytes(first, rows, self._spec) if self.faults else rows.tobytes()

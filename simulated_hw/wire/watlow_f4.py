@@ -51,6 +51,7 @@ class ChamberPlant(Protocol):
     def command(self, now_s: float, setpoint_degc: float, ramp_degc_min: float | None) -> None: ...
     def probe_degc(self, now_s: float) -> float: ...
     def power_percent(self, now_s: float) -> float: ...
+    def switch(self, now_s: float, on: bool) -> None: ...
 
 
 class _RefusedError(Exception):
@@ -77,10 +78,36 @@ class SimulatedWatlowF4:
         self._panel = _Panel(chamber)
         self._read, self._write = self._panel.register_map()
         self._write[25] = self._save
+        self._door_open = False
+        if (register := settings.get("door_register")) is not None:
+            self._wire_door(int(register), int(settings.get("door_open_word", 1)))
+        if (event := settings.get("conditioning_event")) is not None:
+            self._wire_conditioning(chamber, _EVENTS[int(event) - 1])
+
+    def _wire_conditioning(self, chamber: ChamberPlant, register: int) -> None:
+        """Let an event output switch the chamber, off at power-on, as makers of chambers do."""
+        keep = self._write[register]
+
+        def write(value: int, now_s: float) -> None:
+            keep(value, now_s)
+            chamber.switch(now_s, value == 1)
+
+        self._write[register] = write
+        chamber.switch(self.env.now, False)
 
     def show_alarm(self, alarm: Literal[1, 2], state: Literal["high", "low"] | None) -> None:
         """Report an alarm (register 102 or 106) whatever the temperature; None: report what there is."""
         self._panel.shown_alarms[alarm] = 0 if state is None else _ALARM_STATES[state]
+
+    def show_door(self, opened: bool) -> None:
+        """Let the door's switch open or close."""
+        self._door_open = opened
+
+    def _wire_door(self, register: int, open_word: int) -> None:
+        """Show the door's switch in a register as the chamber maker may have wired it: over what it showed before, or
+        in one that this controller would not have otherwise."""
+        shut: _Getter = self._read.get(register) or (lambda now_s: int(open_word == 0))
+        self._read[register] = lambda now_s: open_word if self._door_open else shut(now_s)
 
     def receive(self, data: bytes, now_s: float) -> list[tuple[float, bytes]]:
         """Answer every whole request to this address; stay silent on damaged ones, other addresses and broadcasts."""

@@ -11,7 +11,7 @@ import pytest
 import serial
 
 from simulated_hw import world as world_module
-from simulated_hw.physics.gyro import EARTH_RATE_DPS
+from simulated_hw.physics.axes import EARTH_RATE_DPS
 from simulated_hw.wire import switchboard
 from simulated_hw.world import (
     ChamberParameters,
@@ -168,7 +168,7 @@ def test_the_truth_log_holds_hidden_parameters_and_the_course_of_things(tmp_path
     assert [row["t_s"] for row in rows] == [60.0 * n for n in range(151)]
     at = rows[100]
     assert at["air_degc"] == pytest.approx(float(world.chamber.air_degc(np.array([6000.0]))[0]), rel=1e-8)
-    assert at["setpoint_degc"] == 40.0
+    assert at["setpoint_degc"] == at["commanded_degc"] == 40.0
     assert at["table_rate_dps"] == pytest.approx(60.0, rel=1e-3)
     truth = world.gyros["A"].truth(np.array([6000.0]))
     assert at["coil_degc:A"] == pytest.approx(truth["coil_degc"][0], rel=1e-8)
@@ -200,3 +200,19 @@ def test_two_can_gyros_share_a_channel_by_their_identifiers() -> None:
     twins = {name: InstrumentSpec("can_dbc", "can:shared", settings) for name in ("C1", "C2")}
     with pytest.raises(WorldError, match="1A0"), World(WorldSpec(seed=1, duts=twins)):
         pass
+
+
+def test_the_truth_of_a_seeker_holds_its_azimuth_and_its_other_axis(tmp_path):
+    site = SiteParameters(latitude_deg=40.0, azimuth_deg=30.0)
+    with World(spec(gyro_parameters={"A": gyro_class("north")}, site=site), tmp_path) as world:
+        world.table.energise(10.0)
+        world.table.command_position(10.0, 90.0)
+        world.env.run(until=130.0)
+        hidden = json.loads((tmp_path / "truth.json").read_text())["duts"]
+        assert len(hidden["A"]["accelerometer_bias_ug"]) == 2 and "accelerometer_bias_ug" not in hidden["B"]
+    with (tmp_path / "truth.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert [float(row["azimuth_deg:A"]) for row in rows] == pytest.approx([30.0, 300.0, 300.0], abs=2e-3)
+    level_dps = EARTH_RATE_DPS * np.cos(np.radians(40.0))
+    assert float(rows[1]["input_rate_y_dps:A"]) == pytest.approx(level_dps * np.sin(np.radians(300.0)), rel=1e-3)
+    assert not any(name.startswith(("azimuth_deg:B", "turn_on_bias_dph")) for name in rows[0])

@@ -120,6 +120,49 @@ def test_a_session(driver, chamber, simulated):
     assert simulated.eeprom_writes == 0
 
 
+def test_without_a_register_nothing_is_known_of_the_door(driver):
+    assert driver.door_open() is None
+
+
+@pytest.mark.parametrize(
+    ("reply", "opened"),
+    [("01 03 02 00 01 79 84", True), ("01 03 02 00 00 B8 44", False), ("01 03 02 00 02 39 85", False)],
+)
+def test_the_door_is_open_when_its_register_says_so(plug, reply, opened):
+    """A read of register 106 and the replies 1, 0 and 2, byte for byte (CRCs by pymodbus)."""
+    line = Scripted(bytes.fromhex(reply))
+    driver = plug(line, door_register=106)
+    assert driver.door_open() is opened
+    assert line.requests == [bytes.fromhex("01 03 00 6A 00 01 A4 16")]
+
+
+def test_a_door_switch_that_opens_is_told_the_other_way_round(plug):
+    driver = plug(Scripted(bytes.fromhex("01 03 02 00 00 B8 44")), door_register=4000, door_open_word=0)
+    assert driver.door_open() is True
+
+
+def test_the_alarm_that_is_the_door_switch_is_no_alarm(plug, chamber):
+    simulated = SimulatedWatlowF4(simpy.Environment(), chamber, {"door_register": 106})
+    driver = plug(simulated, door_register=106)
+    simulated.show_door(True)
+    assert (driver.door_open(), driver.alarm()) == (True, None)
+    chamber.probe = 95.0
+    assert driver.alarm() == "alarm 1 high"
+    simulated.show_door(False)
+    assert driver.door_open() is False
+
+
+def test_a_door_register_that_the_controller_has_not_is_refused(plug, simulated):
+    with pytest.raises(Refused, match="read register 4711"):
+        plug(simulated, door_register=4711).door_open()
+
+
+@pytest.mark.parametrize("settings", [{"door_register": -1}, {"door_register": 65536}, {"door_open_word": 65536}])
+def test_a_door_beyond_what_registers_are(settings):
+    with pytest.raises(ValueError, match="door_"):
+        WatlowF4.Settings(**settings)
+
+
 def test_without_identify_the_scale_is_learnt_at_the_first_need(driver):
     assert driver.temperature_degc() == -20.0
 

@@ -85,3 +85,49 @@ def test_columns_of_values() -> None:
         "status": [0x71, 0x72],
     }
     assert columns["rate"].dtype == np.float32
+
+
+def channelled(count: int, begin: int = 0) -> FrameBatch:
+    index = np.arange(begin, begin + count)
+    columns = {"rate": index.astype("f4"), "case_degc": (10 * index).astype("i2"), "rate_y_dps": -index.astype("f4")}
+    laws = {"rate": Quantity(2.0), "case_degc": Quantity(0.1, 20.0, "degC"), "rate_y_dps": Quantity(0.5)}
+    return Meaning.of(laws, 0, 0).batch(columns, index)
+
+
+def test_channels_are_values_by_their_own_laws() -> None:
+    batch = channelled(3)
+    assert batch.channels.keys() == {"case_degc", "rate_y_dps"}
+    assert batch.channels["case_degc"].dtype == np.float64
+    assert batch.channels["case_degc"].tolist() == [20.0, 21.0, 22.0]
+    assert batch.channels["rate_y_dps"].tolist() == [0.0, -0.5, -1.0]
+    assert batch.columns["case_degc"].dtype == np.int16
+    assert batch_of(2).channels == {} and FrameBatch.empty().channels == {}
+
+
+def test_a_meaning_is_what_its_quantities_say() -> None:
+    laws = {"rate": Quantity(2.0), "temperature": Quantity(0.1), "case_degc": Quantity(0.01)}
+    meaning = Meaning.of(laws, 3, 1)
+    assert meaning == Meaning(laws["rate"], laws["temperature"], 3, 1, {"case_degc": Quantity(0.01)})
+    assert meaning.quantities == laws
+    assert Meaning.of({"rate": Quantity()}, 0, 0) == Meaning(Quantity())
+
+
+def test_concat_head_and_part_carry_channels_along() -> None:
+    joined = FrameBatch.concat([channelled(2), FrameBatch.empty(), channelled(0), channelled(3, 2)])
+    assert joined.channels["rate_y_dps"].tolist() == [0.0, -0.5, -1.0, -1.5, -2.0]
+    head = joined.head(2)
+    assert (len(head), head.index.tolist(), head.rate_dps.tolist()) == (2, [0, 1], [0.0, 2.0])
+    assert head.channels["case_degc"].tolist() == [20.0, 21.0] and head.columns["case_degc"].tolist() == [0, 10]
+    assert len(joined.head(99)) == 5
+    middle = joined.part(1, 3)
+    assert middle.channels["rate_y_dps"].tolist() == [-0.5, -1.0] and middle.good.tolist() == [True, True]
+    assert np.isnan(middle.temperature_degc).all() and np.shares_memory(middle.rate_dps, joined.rate_dps)
+
+
+def test_columns_of_channels_are_those_given_and_carried() -> None:
+    meaning = Meaning(Quantity(0.5), channels={"case_degc": Quantity(0.01, 20.0), "accel_x_g": Quantity(1e-3)})
+    kinds = {"rate": RawType(np.dtype("f4")), "case_degc": I16, "accel_x_g": I16}
+    values = {"case_degc": np.array([25.0, -400.0]), "anode_degc": np.array([1.0, 2.0])}
+    columns = meaning.raw_columns(np.zeros(2), np.zeros(2), np.ones(2, np.bool_), kinds, values)
+    assert columns.keys() == {"rate", "case_degc"}
+    assert np.asarray(columns["case_degc"]).tolist() == [500, -32768]

@@ -21,6 +21,12 @@ BO_ 290 Gyro: 7 X
  SG_ page m1 : 48|8@1+ (1,0) [0|0] "" X
  SG_ beyond : 50|8@1+ (1,0) [0|0] "rad/s" X
  SG_ above : 55|16@0- (1,0) [0|0] "rad/s" X
+BO_ 291 Rich: 8 X
+ SG_ x : 0|16@1- (0.001,0) [0|0] "rad/s" X
+ SG_ y : 16|16@1- (0.001,0) [0|0] "rad/s" X
+ SG_ case : 32|16@1- (0.1,0) [0|0] "\xc2\xb0F" X
+ SG_ bare : 48|8@1+ (0.25,1) [0|0] "" X
+ SG_ pull : 56|8@1- (0.1,0) [0|0] "m/s^2" X
 BO_ 2364549760 Other: 8 X
  SG_ rate : 0|16@1- (0.5,1) [0|0] "\xc2\xb0/s" X
 BO_ 3 Long: 64 X
@@ -79,6 +85,36 @@ def test_what_a_gyro_does_not_send_is_left_out(dbc: str) -> None:
     assert (spec.temperature_law, spec.counter_modulo, spec.good_mask) == (None, None, 0)
 
 
+def rich(dbc: str, **channels: str) -> CanSpec:
+    names = dict.fromkeys(("temperature", "counter", "status"))
+    return CanSpec.from_settings({"dbc": dbc, "message": "Rich", "rate": "x", **names, "channels": channels})
+
+
+def test_channels_are_in_the_unit_of_their_name(dbc: str) -> None:
+    spec = rich(dbc, rate_y_dps="y", case_degc="case", supply_v="bare", accel_x_g="pull")
+    assert spec.signals.keys() == {"rate", "rate_y_dps", "case_degc", "supply_v", "accel_x_g"}
+    laws = spec.meaning(100.0).channels
+    raw = np.array([100], np.int16)
+    assert laws["rate_y_dps"].value(raw) == pytest.approx([math.degrees(0.1)])
+    assert laws["case_degc"].value(raw) == pytest.approx([(10.0 - 32.0) / 1.8])
+    assert laws["supply_v"].value(raw) == pytest.approx([26.0])
+    assert laws["accel_x_g"].value(raw) == pytest.approx([10.0 / 9.80665])
+
+
+@pytest.mark.parametrize(
+    ("channels", "message"),
+    [
+        ({"rate_y": "y"}, r"channels: 'rate_y' is no name of a channel\. Allowed: .*like anode_degc"),
+        ({"rate_y_dps": "z"}, r"channels\.rate_y_dps: there is no signal 'z'; message Rich has: x, y, case"),
+        ({"rate_y_dps": "case"}, r"channels\.rate_y_dps: signal case has the unit '.*F', but the name says deg/s"),
+        ({"supply_v": "pull"}, r"channels\.supply_v: .*the unit 'm/s\^2', but the name says V.* Allowed in the DBC: V"),
+    ],
+)
+def test_mistakes_in_channels(dbc: str, channels: dict[str, str], message: str) -> None:
+    with pytest.raises(FrameSpecError, match=message):
+        rich(dbc, **channels)
+
+
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
@@ -86,7 +122,7 @@ def test_what_a_gyro_does_not_send_is_left_out(dbc: str) -> None:
             {"dbc": "fog_gyr"},
             r"dbc 'fog_gyr' is neither a packaged one \(fog_gyro\) nor a file here\. Did you mean fog_gyro\?",
         ),
-        ({"message": None}, "message: say which message is the gyro's. It has: Gyro, Other, Long"),
+        ({"message": None}, "message: say which message is the gyro's. It has: Gyro, Rich, Other, Long"),
         ({"message": "gyro"}, "message: there is no message 'gyro'.*Did you mean Gyro"),
         ({"message": "Long", "rate": "rate"}, "message Long has 64 bytes; only classic CAN"),
         ({"rate": "y"}, "rate: there is no signal 'y'; message Gyro has: z, angle"),

@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 import yaml
 
+from drivers.codecs.batch import Quantity
 from drivers.codecs.declared import FrameSpecError
 from drivers.codecs.frame_spec import FrameSpec
 
@@ -77,7 +78,20 @@ def test_all_packaged_frames_can_be_read() -> None:
     names = {file.stem for file in folder.glob("*.yaml")}
     assert names >= {"kvh_36", "kvh_36_c100", "stim300_rate_temperature", "example_eb90"}
     for name in names:
-        assert FrameSpec.load(name).columns.keys() == {"rate", "temperature", "counter", "status"}
+        assert FrameSpec.load(name).columns.keys() >= {"rate", "temperature", "counter", "status"}
+
+
+def test_channels_have_a_field_and_a_law_each() -> None:
+    fields = [*OWN["fields"], {"name": "own", "at": 10, "type": "u8"}]
+    channels = {"case_degc": {"field": "own", "scale": 0.5, "offset": -40}}
+    checksum = {"kind": "sum8", "over": [2, 11], "at": 11}
+    spec = FrameSpec.from_mapping(changed(fields=fields, checksum=checksum, channels=channels))
+    assert list(spec.columns) == ["rate", "temperature", "counter", "status", "case_degc"]
+    assert spec.columns["case_degc"].name == "own"
+    assert spec.meaning(400.0).channels == {"case_degc": Quantity(0.5, -40.0, "degC")}
+    assert FrameSpec.from_mapping(OWN).channels == {}
+    shared = FrameSpec.from_mapping(changed(channels={"case_degc": {"field": "temp", "scale": 0.1, "offset": 20}}))
+    assert shared.columns["case_degc"] is shared.columns["temperature"]
 
 
 def test_a_file_of_ones_own_and_one_built_on_it(tmp_path: Path) -> None:
@@ -150,6 +164,17 @@ def extra(at: int, kind: str) -> list[dict[str, Any]]:
         ({"name": "x", "header": "AA"}, r"length: is missing"),
         (kvh(checksum={"width": 16}), r"checksum\.width: unknown key"),
         (kvh(checksum={"kind": "crc", "width": 12, "polynomial": 3}), r"checksum\.width: 12 .* 8, 16, 24, 32"),
+        (kvh(channels={"rate_y": {}}), r"channels\.rate_y: 'rate_y' is no name .*ending in the unit \(.*_dps"),
+        (kvh(channels={"Rate_dps": {}}), r"channels\.Rate_dps: 'Rate_dps' is no name of a channel"),
+        (kvh(channels={"rate_dps": {}}), r"channels\.rate_dps: .* is a column every frame has"),
+        (
+            kvh(channels={"rate_y_dps": {"fild": 1}}),
+            r"channels\.rate_y_dps\.fild: unknown key\. .*Did you mean field\?",
+        ),
+        (kvh(channels={"rate_y_dps": {"field": "y_rot"}}), r"rate_y_dps\.field: .*Did you mean y_rotation\?"),
+        (kvh(channels={"rate_y_dps": {"field": "y_rotation", "scale": 0}}), r"rate_y_dps\.scale: 0 is not allowed"),
+        (kvh(channels={"rate_y_dps": 3}), r"channels\.rate_y_dps: 3 is not a mapping"),
+        (kvh(channels=["rate_y_dps"]), r"channels: .*is not a mapping"),
         ({}, r"name: is missing"),
         (7, r"frame: 7 is neither a name, a path nor a mapping"),
         ({"base": ["kvh_36"]}, r"neither a name, a path nor a mapping"),

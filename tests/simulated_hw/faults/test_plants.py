@@ -1,17 +1,20 @@
 """Faults of table and chamber: what the machine truly does, and what the real drivers see of it."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+import serial
 
+from drivers.chambers.watlow_f4 import WatlowF4, WatlowF4Settings
 from drivers.errors import Refused
 from simulated_hw.faults.install import Faults
 from simulated_hw.faults.kinds import FaultSpec
 from simulated_hw.faults.script import Condition
 from simulated_hw.world import World
+from tests.simulated_hw.faults import worlds
 from tests.simulated_hw.faults.worlds import chamber, fault, table, truth_of, wait, world
 
 
@@ -147,6 +150,28 @@ def test_an_open_door_warms_the_chamber_while_it_is_open(tmp_path: Path) -> None
     assert ends - begins == 900.0
     assert before == pytest.approx(-29.0, abs=0.1) and after > -22.0 and later == pytest.approx(-30.0, abs=0.5)
     assert np.isfinite(coil).all() and true == pytest.approx(-30.0, abs=0.5)
+
+
+def test_an_open_door_is_told_by_the_controller_it_is_wired_to(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two that open it, of which the later one closes last."""
+    wired = replace(worlds.CHAMBER, settings={**worlds.CHAMBER.settings, "door_register": 106})
+    monkeypatch.setattr(worlds, "CHAMBER", wired)
+    doors = [fault("door_open", "chamber", at_s=at_s, for_s=20.0) for at_s in (10.0, 20.0)]
+    with world(*doors) as bench:
+        port = serial.serial_for_url("sim://chamber", baudrate=19200)
+        driver = WatlowF4(port, WatlowF4Settings(door_register=106))
+        seen = []
+        for until in (5.0, 15.0, 35.0, 45.0):
+            wait(bench, until)
+            seen.append(driver.door_open())
+    assert seen == [False, True, True, False]
+
+
+def test_an_open_door_of_a_chamber_that_does_not_tell_is_felt_alone() -> None:
+    with world(fault("door_open", "chamber", at_s=10.0)) as bench:
+        driver = chamber()
+        wait(bench, 20.0)
+        assert driver.door_open() is None and driver.alarm() is None
 
 
 def test_what_is_read_after_a_door_was_opened_is_what_would_have_been_read_before() -> None:

@@ -3,8 +3,12 @@
 from pathlib import Path
 
 import numpy as np
+import serial
 
 from drivers.codecs.batch import FrameBatch
+from drivers.gyros.serial_frames import SerialGyro, SerialGyroSettings
+from drivers.ports import open_byte_source
+from simulated_hw.physics.gyro import GyroBlock
 from tests.simulated_hw.faults.test_frames import listen
 from tests.simulated_hw.faults.worlds import can_gyro, fault, serial_gyro, truth_of, world
 
@@ -45,3 +49,24 @@ def test_a_healthy_gyro_beside_a_sick_one_is_untouched() -> None:
             return FrameBatch.concat(listen(can_gyro(bench), bench, 50.0, 5.0)).rate_dps.tobytes()
 
     assert healthy() == healthy(fault("frozen", "S"), fault("loss", "S", probability=0.1))
+
+
+def test_channels_come_through_a_lying_output_and_a_damaged_line() -> None:
+    frame = {"base": "kvh_36_c100", "channels": {"case_degc": {"field": "y_rotation"}}}
+    faults = [fault("frozen", "S", at_s=1.0, for_s=1.0), fault("loss", "S", probability=0.05)]
+    with world(*faults, frame=frame) as bench:
+        honest = bench.gyros["S"].block
+
+        def with_channel(first: int, end: int) -> GyroBlock:
+            block = honest(first, end)
+            numbers = np.arange(first, end, dtype=np.float64)
+            return GyroBlock(block.rate_dps, block.temperature_degc, block.good, {"case_degc": numbers})
+
+        bench.gyros["S"].block = with_channel  # type: ignore[method-assign]
+        gyro = SerialGyro(
+            open_byte_source(serial.serial_for_url("sim://s", baudrate=921600, timeout=0), lambda: bench.env.now),
+            SerialGyroSettings(frame=frame),
+        )
+        frames = FrameBatch.concat(listen(gyro, bench, 5.0, 0.7))
+    assert 430 < len(frames) < 500 and gyro.losses.lost > 5
+    assert frames.channels["case_degc"].tolist() == frames.index.tolist()

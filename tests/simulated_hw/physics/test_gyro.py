@@ -8,8 +8,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from simulated_hw.physics.axes import EARTH_RATE_DPS, earth_rate_dps
 from simulated_hw.physics.chamber import ChamberPlant
-from simulated_hw.physics.gyro import EARTH_RATE_DPS, GyroUnit, earth_rate_dps
+from simulated_hw.physics.gyro import GyroUnit
+from simulated_hw.physics.gyro_classes import gyro_class
 from simulated_hw.physics.gyro_errors import ErrorModel
 from simulated_hw.physics.gyro_parameters import (
     GyroParameters,
@@ -17,7 +19,6 @@ from simulated_hw.physics.gyro_parameters import (
     RepeatabilityParameters,
     SensorParameters,
     ThermalParameters,
-    gyro_class,
 )
 from simulated_hw.physics.parameters import ChamberParameters, TableParameters
 from simulated_hw.physics.rate_table import TablePlant
@@ -301,3 +302,15 @@ def test_any_data_rate(data_rate_hz):
     block = gyro.block(k // 2, k)
     assert block.rate_dps.mean() == pytest.approx(60.0 * 1.05, rel=0.03)
     assert len(block.good) == k - k // 2
+
+
+@pytest.mark.parametrize(("arw_deg_sqrt_h", "response"), [(0.0, 0.0), (0.05, 0.9)])
+def test_noise_fills_the_dead_band(arw_deg_sqrt_h, response):
+    """A quiet gyro answers to nothing within ± 5 deg/h; noise of 30 deg/h a frame makes it answer nearly in full."""
+    curves = replace(gyro_class("high_end").curves, dead_band_dph=5.0, bias_polynomial=())
+    parameters = replace(BARE, model="curves", curves=curves, noise=replace(NO_NOISE, arw_deg_sqrt_h=arw_deg_sqrt_h))
+    found = [
+        Bench().gyro(parameters, earth_dps=rate_dph / 3600.0).block(0, 400_000).rate_dps.mean() * 3600.0
+        for rate_dph in (-4.0, 4.0)
+    ]
+    assert (found[1] - found[0]) / 8.0 == pytest.approx(response, abs=0.1)

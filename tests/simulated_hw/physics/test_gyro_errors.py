@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from simulated_hw.physics.gyro_errors import ErrorModel
+from simulated_hw.physics.gyro_errors import ErrorModel, stuck_in_dead_band
 from simulated_hw.physics.gyro_parameters import CurveParameters, GyroParameters, SurfaceParameters
 
 # The grid of the `ts` experiment without rate 0: -30:5:60 °C, ±10:10:180 deg/s.
@@ -72,3 +72,16 @@ def test_nonlinearity_asymmetry_and_sagnac_sine():
     relative = open_loop.respond(np.array([180.0]))[0] / 180.0 - 1.0
     assert relative == pytest.approx(-((0.0013 * 180) ** 2) / 6, rel=3e-3)
     assert curve_model().respond(rate.copy()).tolist() == rate.tolist()
+
+
+def test_a_dead_band_sticks_at_zero_and_fades_away_beyond():
+    band = 0.1
+    found = stuck_in_dead_band(np.array([-0.2, -0.1, -0.0999, 0.0, 0.05, 0.1, 0.2, 5.0]), band)
+    beyond = 0.2 - 0.1 * np.exp(-1.0)
+    assert found == pytest.approx([-beyond, 0.0, 0.0, 0.0, 0.0, 0.0, beyond, 5.0], abs=1e-12)
+
+
+def test_only_curves_have_a_dead_band():
+    curves = CurveParameters(dead_band_dph=0.36)
+    assert ErrorModel(GyroParameters(model="curves", curves=curves)).dead_band_dps == pytest.approx(1e-4)
+    assert ErrorModel(GyroParameters(curves=curves)).dead_band_dps == 0.0

@@ -7,15 +7,14 @@ from typing import get_type_hints
 import pytest
 
 from simulated_hw.physics import gyro_parameters, parameters
+from simulated_hw.physics.gyro_classes import GYRO_CLASSES, gyro_class
 from simulated_hw.physics.gyro_parameters import (
-    GYRO_CLASSES,
     CurveParameters,
     GyroParameters,
     NoiseParameters,
     SensorParameters,
     SurfaceParameters,
     ThermalParameters,
-    gyro_class,
 )
 from simulated_hw.physics.parameters import ChamberParameters, SiteParameters, TableParameters
 
@@ -55,7 +54,7 @@ def test_names_without_units_are_unique_and_every_field_is_documented(cls):
         (TableParameters, {"angle_error_arcsec": (1.0,)}, "as long as angle_error_orders"),
         (TableParameters, {"slew_rate_dps": 500.0}, "slew_rate_dps"),
         (SiteParameters, {"latitude_deg": 91.0}, "latitude_deg = 91.0: must be from -90 to 90"),
-        (GyroParameters, {"model": "surface_b"}, "'surface_a' or 'curves'"),
+        (GyroParameters, {"model": "surface_b"}, "'surface_a', 'curves' or 'ring_laser'"),
         (GyroParameters, {"data_rate_hz": float("inf")}, "data_rate_hz"),
         (SurfaceParameters, {"w_k": 0.0}, "w_k"),
         (CurveParameters, {"scale_temperatures_degc": (0.0, 1.0)}, "scale_values_ppm"),

@@ -67,6 +67,30 @@ def test_any_dbc_and_any_settings(tmp_path: Any) -> None:
         assert decoded["n"] == number % 16
 
 
+def test_channels_are_signals_of_the_message(tmp_path: Any) -> None:
+    path = tmp_path / "two.dbc"
+    path.write_text(
+        "BU_: X\nBO_ 290 Gyro: 6 X\n"
+        ' SG_ x : 0|16@1- (0.01,0) [0|0] "deg/s" X\n'
+        ' SG_ y : 16|16@1- (0.01,0) [0|0] "deg/s" X\n'
+        ' SG_ case : 32|16@1- (0.01,0) [0|0] "degC" X\n'
+    )
+
+    class Two(Gyro):
+        def block(self, first: int, end: int) -> Any:
+            block = super().block(first, end)
+            return SimpleNamespace(**vars(block), channels={"rate_y_dps": 2.0 * block.rate_dps})
+
+    names = {"rate": "x", "temperature": None, "counter": None, "status": None}
+    channels = {"rate_y_dps": "y", "case_degc": "case"}
+    gyro = SimulatedCanGyro(simpy.Environment(), Two(), {"dbc": str(path), **names, "channels": channels})
+    message = cantools.database.load_file(path).get_message_by_name("Gyro")
+    for number, row in enumerate(gyro.payload(0, 50)):
+        decoded: dict[str, Any] = message.decode(row.tobytes()[:6])  # type: ignore[assignment]
+        assert decoded["y"] == pytest.approx(-number / 4.0)
+        assert (decoded["x"], decoded["case"]) == (pytest.approx(-number / 8.0, abs=0.0051), 0.0)
+
+
 def test_several_gyros_on_a_channel_need_their_own_identifiers() -> None:
     first, second = simulated(), simulated(can_id=0x1A1)
     first.join(second)

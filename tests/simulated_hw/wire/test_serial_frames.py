@@ -4,6 +4,7 @@ import math
 import struct
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
+from types import SimpleNamespace
 from typing import Any
 
 import crccheck.crc as oracle
@@ -61,6 +62,40 @@ def test_every_byte_of_a_kvh_frame() -> None:
         assert (y, z, ax, ay, az) == (0.0,) * 5
         assert (status, sequence, temperature) == (0x77 if number >= 5 else 0x76, number % 128, -3000 + number)
         assert oracle.Crc32Mpeg2.calc(frame) == 0
+
+
+class Two(Gyro):
+    """The same gyro with a second axis and a temperature of its case."""
+
+    def block(self, first: int, end: int) -> Any:
+        block = super().block(first, end)
+        channels = {
+            "rate_y_dps": -block.rate_dps,
+            "case_degc": np.full(end - first, 31.25),
+            "unheard_v": block.rate_dps,
+        }
+        return SimpleNamespace(**vars(block), channels=channels)
+
+
+TWO = {
+    "base": "kvh_36_c100",
+    "channels": {"rate_y_dps": {"field": "y_rotation", "scale": 10}, "case_degc": {"field": "z_rotation"}},
+}
+
+
+def test_channels_travel_with_the_frame() -> None:
+    settings = SerialGyroSettings(frame=TWO)
+    batch = SerialGyro(Bytes(simulated(Two(), frame=TWO).bytes_until(3.0)), settings).take()
+    assert batch.channels.keys() == {"rate_y_dps", "case_degc"}
+    assert batch.channels["rate_y_dps"] == pytest.approx(-np.arange(300) / 8.0, rel=1e-7)
+    assert (batch.channels["case_degc"] == 31.25).all()
+    assert batch.rate_dps == pytest.approx(np.arange(300) / 8.0, rel=1e-7)
+
+
+def test_channels_without_physics_are_zero_and_physics_without_channels_is_unheard() -> None:
+    batch = SerialGyro(Bytes(simulated(Gyro(), frame=TWO).bytes_until(1.0)), SerialGyroSettings(frame=TWO)).take()
+    assert (batch.channels["rate_y_dps"] == 0.0).all() and batch.index[-1] == 99
+    assert simulated(Two()).bytes_until(1.0) == simulated(Gyro()).bytes_until(1.0)
 
 
 def test_the_declaration_decides_what_is_sent() -> None:
@@ -126,7 +161,7 @@ def test_at_the_wrong_baud_rate_the_driver_says_what_it_sees(attached: tuple[sim
 
 
 def test_every_packaged_frame_survives_the_way_through_driver_and_simulator() -> None:
-    for frame in ("kvh_36", "kvh_36_c100", "stim300_rate_temperature", "example_eb90"):
+    for frame in ("kvh_36", "kvh_36_c100", "stim300_rate_temperature", "example_eb90", "ring_laser_3t", "fog_angle"):
         settings = SerialGyroSettings(frame=frame)
         instrument = SimulatedSerialGyro(simpy.Environment(), Gyro(), asdict(settings))
         source = Bytes(instrument.bytes_until(30.0))

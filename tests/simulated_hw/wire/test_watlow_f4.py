@@ -130,6 +130,33 @@ def test_power_alarms_events_and_state(device, chamber):
     assert (register(device, 2070), register(device, 2000)) == (1, 0)
 
 
+@pytest.mark.parametrize(("register_", "open_word"), [(106, 1), (106, 2), (4000, 1), (4000, 0)])
+def test_the_door_switch_shows_in_the_register_it_is_wired_to(chamber, register_, open_word):
+    settings = {"door_register": register_, "door_open_word": open_word}
+    device = SimulatedWatlowF4(simpy.Environment(), chamber, settings)
+    shut = register(device, register_)
+    assert shut != open_word
+    device.show_door(True)
+    assert register(device, register_) == open_word
+    device.show_door(False)
+    assert register(device, register_) == shut
+
+
+def test_an_alarm_shows_beside_the_door_that_shares_its_register(chamber):
+    device = SimulatedWatlowF4(simpy.Environment(), chamber, {"door_register": 106})
+    device.show_alarm(2, "low")
+    assert register(device, 106) == 2
+    device.show_door(True)
+    assert register(device, 106) == 1
+
+
+def test_the_door_frames_byte_for_byte(chamber):
+    device = SimulatedWatlowF4(simpy.Environment(), chamber, {"door_register": 106})
+    device.show_door(True)
+    ((_, reply),) = device.receive(bytes.fromhex("01 03 00 6A 00 01 A4 16"), 0.0)
+    assert reply == bytes.fromhex("01 03 02 00 01 79 84")
+
+
 def test_limits_can_be_narrowed_and_then_hold(device, chamber):
     ask(device, WriteMany(1, 602, (to_word(-300), 600)))
     assert ask(device, WriteOne(1, 300, 601)) == ExceptionReply(1, 6, 3)

@@ -1,0 +1,1 @@
+"""Power supplies of the DUTs."""
