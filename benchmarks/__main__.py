@@ -1,10 +1,16 @@
-"""python3 do.py bench [streams] [fitting] [campaign] [commands]: all of them, or those named."""
+"""python3 do.py bench [streams] [fitting] [campaign] [commands] [random_errors]: all of them, or those named."""
 
 import sys
 
-from benchmarks import campaign, commands, fitting, streams
+from benchmarks import campaign, commands, fitting, random_errors, streams
 
-ALL = {"commands": commands.main, "streams": streams.main, "fitting": fitting.main, "campaign": campaign.main}
+ALL = {
+    "commands": commands.main,
+    "streams": streams.main,
+    "fitting": fitting.main,
+    "campaign": campaign.main,
+    "random_errors": random_errors.main,
+}
 
 
 def main() -> int:

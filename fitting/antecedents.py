@@ -17,6 +17,8 @@ _REFINE_STEPS = 5
 # Surface A with dwell errors, temperatures left out, 4 rules, 12 seeds: std 0.0159 deg/s in the median and 0.029 at
 # worst; without the preference (1.0) 0.0167 and 0.046, because rules with more freedom memorise dwells.
 _CLEARLY_BETTER = 2.0
+# Starts that are grids whatever the number of inputs; tied rules are walked from these only.
+_GRIDS_FIRST = 3
 # Walks finished, of those that set out with sets of their own.
 _FINALISTS = 2
 
@@ -31,19 +33,21 @@ class SearchSettings:
     tol: float
     max_iter: int
     ridge: float
+    tied: bool = False
 
 
 @dataclass(frozen=True)
 class Found:
     """The antecedents kept, in z-scores, with the iterations of their own run and whether it converged.
 
-    sets: how many fuzzy sets each input has if rules share them, else None.
+    sets: how many fuzzy sets each input has if rules share them, else None. tied: see `JointWalk`.
     """
 
     antecedents: Antecedents
     n_iter: int
     converged: bool
     sets: tuple[int, ...] | None = None
+    tied: bool = False
 
 
 def search_published(
@@ -78,7 +82,8 @@ class _JointSearch:
 
     def walk(self, start: Start, *, shared: bool) -> JointWalk:
         sets = start.sets if shared else None
-        return JointWalk(self.inputs, self.targets, start.antecedents, ridge=self.settings.ridge, sets=sets)
+        ridge, tied = self.settings.ridge, self.settings.tied
+        return JointWalk(self.inputs, self.targets, start.antecedents, ridge=ridge, sets=sets, tied=tied)
 
     def finalists(self, walks: list[JointWalk], n_kept: int) -> list[Candidate]:
         """Walk a third of the way from every start, and on only from the lowest."""
@@ -105,6 +110,8 @@ class _JointSearch:
         """Walk from every start; from a grid once with its sets shared and once without."""
         shared = [self.walk(start, shared=True) for start in starts if start.sets is not None]
         simple = self.finalists(shared, 1)[0]
+        if self.settings.tied:
+            return simple
         free = self.finalists([self.walk(start, shared=False) for start in starts], _FINALISTS)
         errors = [self.held_out(candidate) for candidate in free]
         clearly_better = _CLEARLY_BETTER * min(errors) < self.held_out(simple)
@@ -115,6 +122,7 @@ def search_joint(
     inputs: NDArray[np.float64], targets: NDArray[np.float64], settings: SearchSettings, rng: np.random.Generator
 ) -> Found:
     """Variable projection from every start of `fitting.starts`; inputs (n, d >= 1) z-scores."""
-    starts = starting_points(inputs, targets, settings.n_rules, settings.n_starts, settings.fuzziness, rng)
+    n_starts = min(settings.n_starts, _GRIDS_FIRST) if settings.tied else settings.n_starts
+    starts = starting_points(inputs, targets, settings.n_rules, n_starts, settings.fuzziness, rng)
     best = _JointSearch(inputs, targets, settings).best(starts)
-    return Found(best.antecedents, best.optimum.n_iter, best.optimum.converged, best.sets)
+    return Found(best.antecedents, best.optimum.n_iter, best.optimum.converged, best.sets, settings.tied)

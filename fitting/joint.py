@@ -10,6 +10,7 @@ from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
 from scipy.linalg.lapack import dpotrf, dpotrs, dtrtrs
 
 from fitting.levenberg_marquardt import Optimum, Walk
@@ -28,21 +29,41 @@ class ProjectedFit:
     residual: NDArray[np.float64]  # (n,)
     deviations: NDArray[np.float64]  # (x - v) / sigma, (c, d, n)
     inverse_widths: NDArray[np.float64]  # (c, d)
-    regressors: NDArray[np.float64]  # (q, n)
+    regressors: NDArray[np.float64]  # (q, n), fewer where slopes are shared
     factor: NDArray[np.float64]  # Cholesky factor of the regressors' Gram matrix, (q, q)
     theta: NDArray[np.float64]  # (q,)
     slopes: NDArray[np.float64]  # h_j, (c, n)
 
 
+def shared_slopes(n_rules: int, n_inputs: int, common: tuple[int, ...]) -> NDArray[np.float64]:
+    """S with theta = S (free consequents): the slopes of the common inputs are the same in all rules.
+
+    theta runs over rules and, within a rule, over constant and slopes; shape (n_rules (n_inputs + 1), free).
+    """
+    every = np.eye(n_rules * (n_inputs + 1)).reshape(n_rules, n_inputs + 1, -1)
+    columns: list[NDArray[np.float64]] = []
+    for k in range(n_inputs + 1):
+        columns += [every[:, k].sum(axis=0)] if k - 1 in common else [*every[:, k]]
+    return np.array(columns).T
+
+
 class VariableProjection:
     """min over theta of |y - Phi(p) theta|^2 + ridge |theta|^2, as a function of p.
 
-    inputs: (n, d) z-scores; targets: (n,) z-scores. The ridge bounds the condition of the Gram matrix by n / ridge,
+    inputs: (n, d) z-scores; targets: (n,) z-scores; common: inputs whose slope all rules share (`shared_slopes`). The ridge bounds the condition of the Gram matrix by n / ridge,
     below 1e12 for a grid campaign: Cholesky then leaves the residual exact to 1e-10, in a third of the time of QR.
     The final consequents are computed by QR all the same (`consequents.batch`).
     """
 
-    def __init__(self, inputs: NDArray[np.float64], targets: NDArray[np.float64], n_rules: int, ridge: float) -> None:
+    def __init__(
+        self,
+        inputs: NDArray[np.float64],
+        targets: NDArray[np.float64],
+        n_rules: int,
+        ridge: float,
+        common: tuple[int, ...] = (),
+    ) -> None:
+        self._slopes = shared_slopes(n_rules, inputs.shape[1], common) if common else None
         self._inputs = np.ascontiguousarray(inputs.T)
         self._extended = np.vstack([np.ones(len(targets)), self._inputs])
         self._targets = targets
@@ -76,6 +97,8 @@ class VariableProjection:
         deviations *= inverse_widths[:, :, np.newaxis]
         firing = firing_strengths(np.einsum("cdn,cdn->cn", deviations, deviations))
         regressors = (firing[:, np.newaxis, :] * self._extended).reshape(-1, firing.shape[1])
+        if self._slopes is not None:
+            regressors = self._slopes.T @ regressors
         gram = regressors @ regressors.T
         gram.flat[:: len(gram) + 1] += self.ridge
         factor, failed = dpotrf(gram, lower=1)
@@ -85,7 +108,8 @@ class VariableProjection:
         cost = float(residual @ residual + self.ridge * theta @ theta)
         if failed or not np.isfinite(cost):
             cost = np.inf
-        slopes = theta.reshape(self._shape[0], -1) @ self._extended
+        consequents = theta if self._slopes is None else self._slopes @ theta
+        slopes = consequents.reshape(self._shape[0], -1) @ self._extended
         slopes -= output
         slopes *= firing
         return ProjectedFit(cost, residual, deviations, inverse_widths, regressors, factor, theta, slopes)
@@ -109,14 +133,18 @@ class SharedSets:
     """The same problem with fuzzy sets shared between rules, as the paper states its rules: low and high temperature
     times low and high rate. p = B q with q the centres, then log widths, of the sets of each input: 8 unknowns
     instead of 16 for 2 x 2 rules. With errors common to a dwell it generalises better; it cannot follow every surface.
+    equal_widths: the sets of an input have one width, so that two of them are a logistic transition and neither comes
+    back beyond the other.
     """
 
-    def __init__(self, problem: VariableProjection, sets: tuple[int, ...]) -> None:
+    def __init__(self, problem: VariableProjection, sets: tuple[int, ...], equal_widths: bool = False) -> None:
         self._problem = problem
         first = np.concatenate([[0], np.cumsum(sets)[:-1]])
         members = np.array(list(product(*[range(count) for count in sets]))) + first  # set of rule j on input k
         incidence = np.eye(sum(sets))[members.ravel()]
-        self._spread = np.kron(np.eye(2), incidence)
+        inputs = np.tile(np.arange(len(sets)), len(members))
+        widths = np.eye(len(sets))[inputs] if equal_widths else incidence
+        self._spread = block_diag(incidence, widths)
         self._gather = (self._spread / self._spread.sum(axis=0)).T
         lower, upper = problem.bounds
         self.bounds = (self._gather @ lower, self._gather @ upper)
@@ -140,6 +168,11 @@ class SharedSets:
         return self._spread.T @ curvature @ self._spread, self._spread.T @ downhill
 
 
+def common_inputs(n_inputs: int) -> tuple[int, ...]:
+    """The inputs whose slope tied rules share: all but the last, which is the rate."""
+    return tuple(range(n_inputs - 1))
+
+
 @dataclass(frozen=True)
 class Candidate:
     """Antecedents in z-scores and how the walk to them ended; sets: of each input, where rules share them."""
@@ -152,7 +185,8 @@ class Candidate:
 class JointWalk:
     """Improves antecedents on z-scored inputs (n, d) and targets (n,); deterministic, never worse than its start.
 
-    sets: fuzzy sets per input; the start is then a grid of rules, last input fastest, and stays one.
+    sets: fuzzy sets per input; the start is then a grid of rules, last input fastest, and stays one. tied: the sets of
+    an input have one width, and the slopes of all inputs but the last are shared by all rules (`common_inputs`).
     """
 
     def __init__(
@@ -163,9 +197,11 @@ class JointWalk:
         *,
         ridge: float,
         sets: tuple[int, ...] | None = None,
+        tied: bool = False,
     ) -> None:
-        whole = VariableProjection(inputs, targets, len(start.centres), ridge)
-        self._problem = whole if sets is None else SharedSets(whole, sets)
+        common = common_inputs(inputs.shape[1]) if tied else ()
+        whole = VariableProjection(inputs, targets, len(start.centres), ridge, common)
+        self._problem = whole if sets is None else SharedSets(whole, sets, equal_widths=tied)
         self._sets = sets
         self._walk = Walk(self._problem, self._problem.pack(start), self._problem.bounds)
 

@@ -117,3 +117,12 @@ def matrix(value: object, rows: int, columns: int, where: str) -> NDArray[np.flo
         raise Refused(f"{where} has {found}; expected {rows} rows of {columns} numbers")
     lines = [vector(line, columns, f"{where}[{k}]") for k, line in enumerate(value)]
     return np.array(lines, dtype=np.float64).reshape(rows, columns)
+
+
+def columns_used(parameters: Mapping[str, Any], n_inputs: int) -> NDArray[np.intp]:
+    """`columns` of a model's parameters: which of n_inputs inputs it looks at, ascending, shape (d,)."""
+    columns = member(parameters, "columns", list, "parameters.")
+    whole = all(type(column) is int for column in columns)
+    if not whole or columns != sorted({*columns}) or any(not 0 <= column < n_inputs for column in columns):
+        raise Refused(f"parameters.columns is not an ascending choice of the inputs 0 to {n_inputs - 1}")
+    return np.array(columns, dtype=np.intp)

@@ -4,6 +4,7 @@ import hashlib
 import json
 import os
 import stat
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -14,8 +15,11 @@ from hypothesis import strategies as st
 
 from fitting.linear import LinearCompensation
 from fitting.modelfile import Compensation, ModelFileError, load_model, save_model
+from fitting.modelfiles.columns import BIAS_ERROR_DPH, BIAS_ERROR_DPS, RATE, Column
+from fitting.modelfiles.kinds import KINDS, kind_of
 from fitting.takagi_sugeno import TakagiSugeno
 
+OTHER_OUTPUT = {"mean": 0, "std": 1, "name": "rate", "unit": "rad/s"}
 META = {"dut": "gyro-a", "created_utc": "2026-11-22T09:00:00Z"}
 Model = LinearCompensation | TakagiSugeno
 SLOW = settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -111,12 +115,19 @@ def test_inside_is_the_training_box(tmp_path: Path) -> None:
     ("changes", "reason"),
     [
         ({"format": "pickle"}, "format is 'pickle' instead of 'fogbench-model'"),
-        ({"version": 2}, "version is 2; this fogbench reads version 1"),
+        ({"version": 3}, "version is 3; this fogbench reads versions 1 and 2"),
         ({"version": 1.0}, "version is a number instead of a whole number"),
         ({"kind": "svm"}, "kind is 'svm'; known kinds"),
         ({"parameters": None}, "parameters is null instead of an object"),
-        ({"inputs": []}, "inputs is not a list of 2 objects"),
+        ({"inputs": []}, "inputs is not a list of 1 to 64 objects"),
+        ({"guard": {}}, r"guard.centre\[0\] has null"),
+        ({"guard": {"centre": [1e9, 0.0]}}, "guard.centre is outside the ranges"),
+        ({"guard": {"centre": [0.0, 0.0], "sums": [[1.0], [2.0]]}}, "guard.differences has null"),
         ({"output": {}}, "output.mean is null instead of a number"),
+        (
+            {"output": {"mean": 0, "std": 1, "name": "rate", "unit": "rad/s"}},
+            "output is 'rate' in 'rad/s'; allowed: rate",
+        ),
         ({"training": {"sha256": "abc", "rows": 1}}, "sha256 is not 64 hexadecimal digits"),
         ({"meta": "x"}, "meta is a text instead of an object"),
     ],
@@ -130,7 +141,9 @@ def test_a_foreign_file_is_refused_with_file_reason_and_way_out(
     assert str(path) in str(error.value) and "fogbench fit" in str(error.value)
 
 
-@pytest.mark.parametrize("key", ["format", "version", "kind", "inputs", "output", "parameters", "training", "versions"])
+@pytest.mark.parametrize(
+    "key", ["format", "version", "kind", "inputs", "output", "guard", "parameters", "training", "versions"]
+)
 def test_a_missing_key_is_named(tmp_path: Path, key: str) -> None:
     path, document = saved(tmp_path)
     del document[key]
@@ -148,8 +161,8 @@ def test_a_missing_key_is_named(tmp_path: Path, key: str) -> None:
         ("centres", [[1.0, True]] * 4, r"centres\[0\]\[1\] is true or false"),
         ("consequents", [], "0 rules; allowed: 1 to 1000"),
         ("consequents", [[1.0, 2.0, 1e999]] * 4, "contains Infinity|not a finite number"),
-        ("columns", [1, 0], "columns is not one of"),
-        ("columns", [False, True], "columns is not one of"),
+        ("columns", [1, 0], "columns is not an ascending choice of the inputs 0 to 1"),
+        ("columns", [False, True], "columns is not an ascending choice of the inputs 0 to 1"),
         ("consequents_u", [[1.0]], "consequents_u has 1 rows"),
     ],
 )
@@ -209,7 +222,8 @@ def test_a_file_with_anything_anywhere_loads_or_is_refused(tmp_path: Path, data:
     except ModelFileError as error:
         assert "m.json" in str(error)
     else:
-        assert np.isfinite(loaded.predict([-30.0, 60.0], [180.0, -180.0])).all()
+        assert np.isfinite(loaded.predict(*[[-30.0, 60.0]] * len(loaded.inputs))).all()
+        assert np.isfinite(loaded.guarded(*[[-30.0, 60.0]] * len(loaded.inputs))[0]).all()
 
 
 def test_what_cannot_be_saved_is_refused_and_leaves_no_file(tmp_path: Path) -> None:
@@ -225,7 +239,7 @@ def test_what_cannot_be_saved_is_refused_and_leaves_no_file(tmp_path: Path) -> N
         (good, {"figure": float("nan")}, "not JSON compliant"),
     ):
         with pytest.raises(ModelFileError, match=reason):
-            save_model(tmp_path / "m.json", model, meta)  # type: ignore[arg-type]
+            save_model(tmp_path / "m.json", model, meta)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -246,3 +260,113 @@ def test_a_file_that_may_not_be_read_is_refused(tmp_path: Path) -> None:
 def test_a_path_that_leads_nowhere_is_refused(tmp_path: Path, name: str) -> None:
     with pytest.raises(ModelFileError):
         load_model(tmp_path / name)
+
+
+def three_temperatures() -> tuple[LinearCompensation, Any, Any]:
+    rng = np.random.default_rng(4)
+    inputs = rng.uniform(-30.0, 25.0, (80, 1)) + 0.3 * rng.standard_normal((80, 3))
+    error = 0.03 * inputs[:, 0] - 0.01 * inputs[:, 2]
+    return LinearCompensation().fit(inputs, error), inputs, error
+
+
+ANODE = (Column("anode", "degC"), Column("cathode", "degC"), Column("case", "degC"))
+
+
+def test_several_temperatures_and_a_bias_error(tmp_path: Path) -> None:
+    model, inputs, error = three_temperatures()
+    save_model(tmp_path / "m.json", model, META, inputs=ANODE, output=BIAS_ERROR_DPH)
+    loaded = load_model(tmp_path / "m.json")
+    assert (loaded.inputs, loaded.output) == (ANODE, BIAS_ERROR_DPH)
+    assert np.array_equal(loaded.predict(*inputs.T), model.predict(inputs))
+    by_name = loaded.predict(inputs[:, 0], case=inputs[:, 2], cathode=inputs[:, 1])
+    assert np.array_equal(by_name, model.predict(inputs))
+    rates, outside = loaded.compensate(*inputs.T, rate_dps=0.004 + error / 3600.0)
+    assert rates == pytest.approx(np.full(80, 0.004), abs=1e-12) and not outside.any()
+    assert json.loads((tmp_path / "m.json").read_text())["figures_of_merit"]["training_std_dph"] < 1e-9
+
+
+def test_inputs_given_wrongly_and_a_rate_in_vain_are_refused(tmp_path: Path) -> None:
+    model, inputs, _ = three_temperatures()
+    save_model(tmp_path / "m.json", model, META, inputs=ANODE, output=BIAS_ERROR_DPS)
+    loaded = load_model(tmp_path / "m.json")
+    for columns, named in (
+        (inputs.T[:2], {}),
+        (inputs.T, {"case": 1.0}),
+        (inputs.T[:2], {"shell": 1.0}),
+        (inputs.T[:2], {"anode": 1.0}),
+    ):
+        with pytest.raises(ValueError, match=r"3 inputs: anode \(degC\), cathode \(degC\), case \(degC\)"):
+            loaded.predict(*columns, **named)
+    with pytest.raises(ValueError, match="pass the gyro's output as rate_dps"):
+        loaded.compensate(*inputs.T)
+    save_model(tmp_path / "r.json", fitted(0)[0], META)
+    with pytest.raises(ValueError, match="leave rate_dps out"):
+        load_model(tmp_path / "r.json").compensate(20.0, 10.0, rate_dps=10.0)
+
+
+@pytest.mark.parametrize(
+    ("inputs", "output", "reason"),
+    [
+        (ANODE[:2], BIAS_ERROR_DPH, "2 inputs are named and it was fitted on 3"),
+        ((*ANODE[:2], ANODE[0]), BIAS_ERROR_DPH, "two inputs have the same name"),
+        (ANODE, RATE, "no input is rate_output"),
+        (ANODE, Column("bias_error", "rad/s"), "is not one of"),
+    ],
+)
+def test_columns_that_do_not_fit_are_refused(tmp_path: Path, inputs: Any, output: Column, reason: str) -> None:
+    with pytest.raises(ModelFileError, match=reason):
+        save_model(tmp_path / "m.json", three_temperatures()[0], META, inputs=inputs, output=output)
+
+
+@pytest.mark.parametrize("name", ["", "Anode", "a b", "9a", "a" * 65])
+def test_a_name_of_a_column_is_lower_case_and_short(name: str) -> None:
+    with pytest.raises(ValueError, match="lower case letters"):
+        Column(name, "degC")
+
+
+def test_outside_its_range_a_model_holds_the_temperature_and_goes_on_in_rate_with_the_linear_slope(
+    tmp_path: Path,
+) -> None:
+    rng = np.random.default_rng(7)
+    inputs = rng.uniform([-30.0, -180.0], [60.0, 180.0], (300, 2))
+    target = 0.95 * inputs[:, 1] + 1e-3 * inputs[:, 0] ** 2
+    model = TakagiSugeno(4, n_starts=1).fit(inputs, target)
+    save_model(tmp_path / "m.json", model, META)
+    loaded = load_model(tmp_path / "m.json")
+    (low, _), (high, most) = loaded.input_min, loaded.input_max
+    slope = np.linalg.lstsq(np.column_stack([np.ones(300), inputs]), 0.95 * inputs[:, 1] + 1e-3 * inputs[:, 0] ** 2)[0][
+        2
+    ]
+    values, outside = loaded.compensate(
+        [low - 50.0, high + 50.0, 10.0, 10.0, np.nan], [3.0, 3.0, most + 40.0, 5.0, 1.0]
+    )
+    assert outside.tolist() == [True, True, True, False, True]
+    assert values[0] == loaded.predict(low, 3.0) and values[1] == loaded.predict(high, 3.0)
+    assert values[2] == pytest.approx(loaded.predict(10.0, most) + 40.0 * slope, rel=1e-12)
+    assert values[3] == loaded.predict(10.0, 5.0)
+    assert np.isnan(values[4])
+
+
+def test_a_file_of_version_1_is_read_as_it_always_was() -> None:
+    """Written by version 0.1.0 of the product, with the predictions it made then."""
+    loaded = load_model(Path(__file__).with_name("files") / "model_version_1.json")
+    expected = [9.730871248406034, -87.1202432214964, 173.5228577418746]
+    assert loaded.predict([-30.0, 20.0, 60.0], [10.0, -90.0, 180.0]) == pytest.approx(expected, rel=1e-14)
+    values, outside = loaded.compensate([20.0, 20.0], [173.1, 183.1])
+    assert outside.tolist() == [False, True]
+    assert values[1] == pytest.approx(values[0] + 10.0)  # it states no slope: the correction is held
+
+
+def test_a_file_cannot_name_a_module(tmp_path: Path) -> None:
+    for kind in ("kinds", "document", "fitting.modelfiles.linear", "../os"):
+        path, _ = saved(tmp_path, kind=kind)
+        with pytest.raises(ModelFileError, match="known kinds"):
+            load_model(path)
+
+
+def test_every_kind_has_its_estimator_and_its_codec() -> None:
+    for name, kind in KINDS.items():
+        module, cls = kind.estimator.split(":")
+        estimator = getattr(import_module(module), cls)
+        assert kind_of(estimator()) == name
+        assert callable(kind.load().describe) and callable(kind.load().build)

@@ -1,0 +1,1 @@
+"""Random errors of a gyro: Allan deviation and its coefficients, autoregression, Kalman smoothing."""
