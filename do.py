@@ -20,14 +20,23 @@ BIN = VENV / ("Scripts" if os.name == "nt" else "bin")
 PYTHON = BIN / ("python.exe" if os.name == "nt" else "python")
 LOG = VENV / "setup.log"
 
+# Published experiment -> procedure and bench (docs/reference/experiments.md).
+EXPERIMENTS = {
+    "ts": ("temperature_rate_grid", "virtual"),
+    "rlg": ("rlg_thermal_cycle", "virtual_rlg"),
+    "bp": ("bp_stepped_cycle", "virtual_bp"),
+    "north": ("north_seeking", "virtual_north"),
+}
+
 USAGE = """usage: python3 do.py COMMAND
 
-  campaign   run the reference campaign (155 hours and more) on the virtual bench, fit it, write the report
-  test       style, types, import contracts, the fast tests and a whole campaign
-  fast       style, types, import contracts and the fast tests only
-  bench      the benchmarks
-  crash      kill -9 a small campaign 200 times, resume it each time, print the tally
-  setup      only set up .venv
+  campaign     run the reference campaign (155 hours and more) on the virtual bench, fit it, write the report
+  experiments  the four published experiments (ts, rlg, bp, north) on their virtual benches, and one page of results
+  test         style, types, import contracts, the fast tests and a whole campaign
+  fast         style, types, import contracts and the fast tests only
+  bench        the benchmarks
+  crash        kill -9 a small campaign 200 times, virtual and on live simulators, resume it each time, print the tally
+  setup        only set up .venv
 """
 
 
@@ -78,6 +87,21 @@ def campaign(arguments: list[str]) -> int:
     return run("fogbench", "run", procedure, "--bench", bench, *arguments)
 
 
+def experiments(arguments: list[str]) -> int:
+    """The four published experiments, one after the other, and their page; the worst exit status of them."""
+    set_up("run")
+    began = time.strftime("%Y%m%dT%H%M%SZ", time.gmtime())
+    runs, statuses = [], []
+    for name, (procedure, bench) in EXPERIMENTS.items():
+        runs.append(f"{name}-{began}")
+        files = f"procedures/{procedure}.yaml", "--bench", f"benches/{bench}.yaml"
+        statuses.append(run("fogbench", "run", *files, "--run-id", runs[-1], *arguments))
+    title = "The four published experiments on the virtual bench"
+    page = ROOT / "results" / f"experiments-{began}.html"
+    statuses.append(run("fogbench", "overview", *runs, "--title", title, "-o", str(page)))
+    return max(statuses)
+
+
 def checks() -> int:
     """Style, types and import contracts; the first that fails."""
     steps = (("ruff", "check", "."), ("ruff", "format", "--check", "."), ("mypy",), ("lint-imports",))
@@ -114,7 +138,15 @@ def setup(arguments: list[str]) -> int:
     return 0
 
 
-COMMANDS = {"campaign": campaign, "test": test, "fast": fast, "bench": bench, "crash": crash, "setup": setup}
+COMMANDS = {
+    "campaign": campaign,
+    "experiments": experiments,
+    "test": test,
+    "fast": fast,
+    "bench": bench,
+    "crash": crash,
+    "setup": setup,
+}
 
 
 def main() -> int:

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any, Literal, cast
 
 import numpy as np
 
 from bench.engine import Engine
-from bench.points import Row, point_row
+from bench.noise import NoiseHistory
+from bench.points import Figures, Row, point_row
 from bench.procedure.language import Acquire, Quality
 from bench.procedure.plan import PlannedStep
 from bench.rawstore import RawFile, RawStore
-from bench.reduction import Samples, point_statistics, to_samples
+from bench.reduction import Samples, point_statistics, spikes, to_samples
 from bench.station import Gyro
 from drivers.codecs.batch import FrameBatch
 from drivers.codecs.counters import Losses
@@ -67,12 +69,18 @@ class _Recording:
         """All frames that belong to the acquisition."""
         frames = FrameBatch.concat(self.batches)
         last = int(np.searchsorted(frames.index, (self.start or 0) + self.needed))
-        if last == len(frames.index):
-            return frames
-        columns = {name: values[:last] for name, values in frames.columns.items()}
-        return FrameBatch(
-            columns, frames.index[:last], frames.rate_dps[:last], frames.temperature_degc[:last], frames.good[:last]
-        )
+        return frames if last == len(frames.index) else frames.head(last)
+
+
+@dataclass
+class _Heard:
+    """What one acquisition listened to: the DUTs that were there to its end, and the readbacks taken meanwhile."""
+
+    recordings: dict[str, _Recording]
+    began_s: float
+    ended_at_s: float = 0.0
+    chamber_degc: list[float] = field(default_factory=list)
+    rates_dps: list[float] = field(default_factory=list)
 
 
 @dataclass(frozen=True)
@@ -101,6 +109,14 @@ class RecordingAcquirer:
         self._raw_mode = raw_mode
         self._store = store
         self._given_up: set[str] = set()
+        self._noise = NoiseHistory()
+
+    def remember(self, rows: Sequence[Row], plan: Sequence[PlannedStep]) -> None:
+        """Go on behind the finished rows of a journal."""
+        measured = sorted(rows, key=lambda row: float(row["started_at_s"]))
+        self._noise.fold(measured, plan)
+        newest = {row["dut"]: row["verdict"] for row in measured}
+        self._given_up = {dut for dut, verdict in newest.items() if verdict == "fail"}
 
     def acquire(self, engine: Engine, step: PlannedStep) -> None:
         """Measure a point of every DUT; again, if one failed and that DUT has not been given up."""
@@ -115,53 +131,43 @@ class RecordingAcquirer:
         self._given_up = set(bad)
         for item in measured:
             engine.log.append("point", engine.clock.now(), row=item.row)
+            self._noise.add(item.row, cast(Acquire, step.args))
             self._keep_raw(step, item)
         if self._store:
             self._store.flush()
 
     def _measure(self, engine: Engine, step: PlannedStep) -> list[_Measured]:
         args = cast(Acquire, step.args)
-        recordings = self._begin(engine, args)
-        began_s = engine.clock.now()
-        chamber, rates = self._record(engine, args, recordings)
-        times = began_s, engine.clock.now()
-        readbacks = _mean(chamber), _mean(rates)
-        return [self._reduced(step, dut, recording, times, readbacks) for dut, recording in recordings.items()]
+        heard = self._record(engine, args, self._begin(engine, args))
+        return [self._reduced(step, dut, recording, heard) for dut, recording in heard.recordings.items()]
 
-    def _reduced(
-        self,
-        step: PlannedStep,
-        dut: str,
-        recording: _Recording,
-        times: tuple[float, float],
-        readbacks: tuple[float | None, float | None],
-    ) -> _Measured:
-        args = cast(Acquire, step.args)
+    def _reduced(self, step: PlannedStep, dut: str, recording: _Recording, heard: _Heard) -> _Measured:
+        args, quality = cast(Acquire, step.args), self._quality
         frames = recording.frames()
+        spiked = spikes(frames.rate_dps, frames.good)
         samples = to_samples(
             frames.index - (recording.start or 0),
             frames.rate_dps,
             frames.temperature_degc,
-            frames.good,
+            frames.good if spiked is None else frames.good & ~spiked,
             recording.frames_per_sample,
             recording.count,
             newest=args.take == "newest",
         )
-        row = point_row(
-            step=step,
-            dut=dut,
-            statistics=point_statistics(samples, args.every_s),
+        figures = Figures(
             planned_samples=recording.count,
             planned_frames=recording.needed,
             frames=frames,
             losses=recording.gyro.losses - recording.before,
-            chamber_degc=readbacks[0],
-            rate_dps=readbacks[1],
-            earth_rate_dps=self._earth_rate_dps,
-            started_at_s=times[0],
-            ended_at_s=times[1],
-            quality=self._quality,
+            spikes=0 if spiked is None else int(np.count_nonzero(spiked)),
+            chamber_degc=heard.chamber_degc,
+            rates_dps=heard.rates_dps,
+            typical_std_dps=self._noise.typical_dps(dut, step.rate_dps, args, quality.noise_history),
+            started_at_s=heard.began_s,
+            ended_at_s=heard.ended_at_s,
         )
+        statistics = point_statistics(samples, args.every_s)
+        row = point_row(step, dut, statistics, figures, self._earth_rate_dps, quality)
         return _Measured(dut, recording, frames, samples, row)
 
     def _begin(self, engine: Engine, args: Acquire) -> dict[str, _Recording]:
@@ -171,13 +177,10 @@ class RecordingAcquirer:
             recordings[dut] = _Recording(gyro, args.every_s * gyro.data_rate_hz, args.samples, gyro.losses)
         return recordings
 
-    def _record(
-        self, engine: Engine, args: Acquire, recordings: dict[str, _Recording]
-    ) -> tuple[list[float], list[float]]:
-        """Listen until every DUT has sent what is needed or is overdue; the readbacks taken meanwhile."""
-        chamber: list[float] = []
-        rates: list[float] = []
-        end = engine.clock.now() + args.duration_s
+    def _record(self, engine: Engine, args: Acquire, recordings: dict[str, _Recording]) -> _Heard:
+        """Listen until every DUT has sent what is needed or is overdue."""
+        heard = _Heard(recordings, engine.clock.now())
+        end = heard.began_s + args.duration_s
         deadline = end + args.duration_s * CLOCK_TOLERANCE + LATE_S
         while (now := engine.clock.now()) < deadline and not all(r.complete for r in recordings.values()):
             # Once the planned time is over only the last frames are on their way.
@@ -185,10 +188,19 @@ class RecordingAcquirer:
             for dut, recording in recordings.items():
                 engine.heard(dut, recording.gyro, recording.take())
             if now < end:
-                readbacks = engine.read_instruments()
-                chamber += [readbacks.chamber_degc] if readbacks.chamber_degc is not None else []
-                rates += [readbacks.rate_dps] if readbacks.rate_dps is not None else []
-        return chamber, rates
+                self._read(engine, heard)
+        heard.ended_at_s = engine.clock.now()
+        return heard
+
+    def _read(self, engine: Engine, heard: _Heard) -> None:
+        """Take readbacks, those alone that were read now; and go on without a DUT that a guard dropped meanwhile."""
+        now = engine.read_instruments()
+        if now.chamber_degc is not None and now.chamber_s == now.t_s:
+            heard.chamber_degc.append(now.chamber_degc)
+        if now.rate_dps is not None and now.rate_s == now.t_s:
+            heard.rates_dps.append(now.rate_dps)
+        for dut in heard.recordings.keys() - engine.station.gyros.keys():
+            del heard.recordings[dut]
 
     def _keep_raw(self, step: PlannedStep, item: _Measured) -> None:
         args, frames, recording = cast(Acquire, step.args), item.frames, item.recording
@@ -213,7 +225,3 @@ class RecordingAcquirer:
             "status": {"good_mask": meaning.good_mask, "good_value": meaning.good_value},
         }
         self._store.put(RawFile(f"p{step.point:05d}-{item.dut}.parquet", columns, metadata))
-
-
-def _mean(values: list[float]) -> float | None:
-    return float(np.mean(values)) if values else None

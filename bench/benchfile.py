@@ -7,6 +7,7 @@ nothing else.
 from __future__ import annotations
 
 import dataclasses
+import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from importlib.metadata import EntryPoint, entry_points
@@ -30,6 +31,10 @@ SIMULATED_CAN = "fogsim"
 DECLARATION_SUFFIXES = {".yaml", ".yml", ".dbc"}
 
 
+# What an instrument must say that it is, in full or with '*' for any text: 'Watlow F4, model 5270', 'Acutronic*'.
+Identity = Annotated[str, Field(min_length=1, max_length=200)]
+
+
 class CanPort(YamlMapping):
     """A python-can bus."""
 
@@ -46,11 +51,17 @@ class ChamberLimits(YamlMapping):
 
 
 class ChamberSafe(YamlMapping):
-    """How the chamber is left on every exit: hold where it is, or go to a temperature at a rate."""
+    """How the chamber is left on every exit: hold where it is, go to a temperature at a rate, or off.
 
-    action: Literal["hold", "go_to"] = "hold"
+    Instruments are made safe by `order`; those of one order are commanded at once, the table first. `timeout`: by when
+    the chamber must read back what it was asked for.
+    """
+
+    action: Literal["hold", "go_to", "off"] = "hold"
     temperature_degc: Temperature = 25.0
     rate_degc_min: Slope = Field(default=1.0, gt=0)
+    timeout_s: Annotated[float, Quantity("s")] = Field(default=30.0, gt=0)
+    order: int = Field(default=1, ge=1, le=9)
 
 
 class TableLimits(YamlMapping):
@@ -60,10 +71,14 @@ class TableLimits(YamlMapping):
 
 
 class TableSafe(YamlMapping):
-    """How the table is left on every exit: at rest, the drive released or kept."""
+    """How the table is left on every exit: at rest by its own deceleration, the drive released or kept.
+
+    `timeout`: by when it must read at rest. `order`: as for the chamber.
+    """
 
     release: bool = True
     timeout_s: Annotated[float, Quantity("s")] = Field(default=120.0, gt=0)
+    order: int = Field(default=1, ge=1, le=9)
 
 
 class DutLimits(YamlMapping):
@@ -74,38 +89,52 @@ class DutLimits(YamlMapping):
 
 
 class ChamberEntry(YamlMapping):
-    """The temperature chamber."""
+    """The temperature chamber.
+
+    `identity`: what it must say that it is, in full or with '*' for any text (in quotes, if the '*' comes first).
+    """
 
     driver: str
     port: str
+    identity: Identity | None = None
     settings: dict[str, Any] = Field(default_factory=dict)
     limits: ChamberLimits
     safe: ChamberSafe = Field(default_factory=ChamberSafe)
 
 
 class TableEntry(YamlMapping):
-    """The rate table."""
+    """The rate table. `identity`: as for the chamber."""
 
     driver: str
     port: str
+    identity: Identity | None = None
     settings: dict[str, Any] = Field(default_factory=dict)
     limits: TableLimits
     safe: TableSafe = Field(default_factory=TableSafe)
 
 
 class DutEntry(YamlMapping):
-    """A gyro under test, keyed by its serial number."""
+    """A gyro under test, keyed by its serial number.
+
+    A gyro cannot be asked who it is: its `identity` is held against what it sends (see a run's manifest, identities).
+    """
 
     driver: str
     port: str | CanPort
+    identity: Identity | None = None
     settings: dict[str, Any] = Field(default_factory=dict)
     limits: DutLimits
 
 
 class Site(YamlMapping):
-    """Where the bench stands; with a latitude, the vertical earth rate is part of the reference rate."""
+    """Where the bench stands; with a latitude, the vertical earth rate is part of the reference rate.
+
+    `azimuth` is where the DUT's x axis points when the table reads 0, clockwise from north, as surveyed: the truth that
+    a north seeker is judged by.
+    """
 
     latitude_deg: Annotated[float, Quantity("deg")] | None = Field(default=None, ge=-90, le=90)
+    azimuth_deg: Annotated[float, Quantity("deg")] | None = Field(default=None, ge=-360, le=360)
 
 
 class ClockPace(YamlMapping):
@@ -118,6 +147,21 @@ class ClockPace(YamlMapping):
     speed: float = Field(default=1.0, gt=0, allow_inf_nan=False)
 
 
+class Links(YamlMapping):
+    """How long an instrument that does not answer is tried again before the run ends, and at what intervals.
+
+    Chamber or table: the step is broken off, the table rests, and the link is tried after `first_wait`, then after
+    twice that, up to `longest_wait`; when the same instrument answers again the bench is brought back and the step is
+    done again. A DUT whose port is gone, or that was silent for `silent_after`, is left out and tried again beside the
+    measurement of the others; the run ends if none is left for `patience`.
+    """
+
+    patience_s: Annotated[float, Quantity("s")] = Field(default=300.0, ge=0)
+    first_wait_s: Annotated[float, Quantity("s")] = Field(default=0.5, gt=0)
+    longest_wait_s: Annotated[float, Quantity("s")] = Field(default=10.0, gt=0)
+    silent_after_s: Annotated[float, Quantity("s")] = Field(default=60.0, gt=0)
+
+
 class BenchFile(YamlMapping):
     """A bench: instruments, DUTs, site, and the simulation of a virtual one."""
 
@@ -128,6 +172,7 @@ class BenchFile(YamlMapping):
     rate_table: TableEntry | None = None
     duts: dict[Name, DutEntry] = Field(default_factory=dict)
     guards: list[Guard] = Field(default_factory=list)
+    links: Links = Field(default_factory=Links)
     clock: ClockPace = Field(default_factory=ClockPace)
     simulation: dict[str, Any] = Field(default_factory=dict)
 
@@ -143,6 +188,7 @@ class Instrument:
     driver_class: Any
     settings: Any
     path: Path_
+    identity: str | None = None
 
     @property
     def simulated(self) -> bool:
@@ -157,6 +203,13 @@ class Instrument:
         if isinstance(self.port, CanPort):
             return f"can:{self.port.channel}" if self.simulated else f"can:{self.port.interface}/{self.port.channel}"
         return self.port
+
+    def is_it(self, found: str) -> bool:
+        """Whether what an instrument says of itself is what the bench file expects; anything is if it says nothing."""
+        if self.identity is None:
+            return True
+        pattern = ".*".join(re.escape(part) for part in self.identity.split("*"))
+        return re.fullmatch(pattern, found, re.DOTALL) is not None
 
     @property
     def where(self) -> str:
@@ -271,7 +324,7 @@ def _instrument(
     settings = _settings(driver_class, document, (*path, "settings"), folder, problems)
     if settings is None:
         return None
-    return Instrument(role, name, entry.driver, entry.port, driver_class, settings, path)
+    return Instrument(role, name, entry.driver, entry.port, driver_class, settings, path, entry.identity)
 
 
 def _settings(driver_class: Any, document: Document, path: Path_, folder: Path, problems: list[Problem]) -> Any | None:

@@ -4,21 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from importlib.metadata import entry_points
 from pathlib import Path
 
+from bench.analysis_problems import analysis_problems, model_problems, site_problems
 from bench.benchfile import Bench, load_bench
 from bench.composition import check_simulation
-from bench.errors import InvalidFiles, Mark, Problem, did_you_mean
+from bench.errors import InvalidFiles, Mark, Problem
 from bench.overrides import Override, editor
 from bench.procedure.language import (
     Acquire,
-    Analysis,
     Band,
     Dwell,
     GoToPosition,
     ProcedureHead,
     RampTemperature,
+    Record,
     SetRate,
     SetTemperature,
     Settle,
@@ -26,11 +26,14 @@ from bench.procedure.language import (
 )
 from bench.procedure.parse import ParsedProcedure, parse_procedure
 from bench.procedure.plan import PlannedStep, expand
-from bench.units import format_duration, number
+from bench.reach import reach_problems, safe_reach_problems
+from bench.units import counted, format_duration, number
 
 # Bytes on disk per raw frame: float32 noise, 16-bit temperature and counters as Parquet, measured 1.8 (docs/reference).
 BYTES_PER_FRAME = 2.5
 BYTES_PER_SAMPLE = 12.0
+# A row of a record is kept twice: in its part and in the joined series.
+BYTES_PER_ROW = 100.0
 BYTES_PER_STEP = 2000.0
 MAX_FRAMES_PER_POINT = 50_000_000
 ROOM_DEGC = 25.0
@@ -56,6 +59,17 @@ class Checked:
         """Conditions measured (each gives one point per DUT)."""
         return sum(step.point is not None for step in self.plan)
 
+    @property
+    def content(self) -> str:
+        """What it measures, in words, e.g. '703 points' or '2 records'."""
+        counts = {"point": self.points, "record": self.records}
+        return " and ".join(counted(count, what) for what, count in counts.items() if count) or "0 points"
+
+    @property
+    def records(self) -> int:
+        """Records made (each gives one time series per DUT)."""
+        return sum(isinstance(step.args, Record) for step in self.plan)
+
 
 def check(
     procedure_path: Path,
@@ -75,13 +89,14 @@ def check(
         plan, sweep_problems = expand(procedure.steps)
         # What only a whole plan can tell would be said wrongly of what is left of a plan with mistakes in it.
         whole = not problems and not sweep_problems
-        problems += [*sweep_problems, *_model_problems(procedure), *(_plan_problems(procedure, plan) if whole else ())]
+        problems += [*sweep_problems, *model_problems(procedure), *(_plan_problems(procedure, plan) if whole else ())]
     problems += bench_problems
     if bench:
-        problems += [*_safe_problems(bench), *check_simulation(bench)]
+        problems += [*_safe_problems(bench), *safe_reach_problems(bench), *check_simulation(bench)]
     if procedure and bench:
         problems += [problem for step in plan for problem in _step_problems(step, bench)]
-        problems += _limit_problems(plan, procedure.head, bench)
+        problems += site_problems(procedure, bench.file.site, bench.document)
+        problems += [*_limit_problems(plan, procedure.head, bench), *reach_problems(plan, bench)]
     if problems or procedure is None or bench is None:
         raise InvalidFiles(problems)
     duration_s = estimate_duration_s(plan)
@@ -90,27 +105,36 @@ def check(
 
 def estimate_duration_s(plan: Sequence[PlannedStep]) -> float:
     """Rough duration by adding up stated times; a dry run says better, because instruments take their own time."""
-    total, last = 0.0, ROOM_DEGC
+    return sum(_durations_s(plan))
+
+
+def _durations_s(plan: Sequence[PlannedStep]) -> Iterator[float]:
+    """The stated time of each step."""
+    last = ROOM_DEGC
     for step in plan:
-        args = step.args
+        args, lasts_s = step.args, 0.0
         if isinstance(args, RampTemperature):
-            total += abs(args.to_degc - last) / args.rate_degc_min * 60.0
+            lasts_s = abs(args.to_degc - last) / args.rate_degc_min * 60.0
         if isinstance(args, SetTemperature | RampTemperature):
             last = args.to_degc
         elif isinstance(args, Soak | Dwell | Settle):
-            total += args.for_s
+            lasts_s = args.for_s
         elif isinstance(args, Acquire):
-            total += args.duration_s
-    return total
+            lasts_s = args.duration_s
+        yield lasts_s
 
 
 def _disk_bytes(plan: Sequence[PlannedStep], head: ProcedureHead, bench: Bench) -> float:
-    total = BYTES_PER_STEP * len(plan)
-    for step in plan:
-        if isinstance(step.args, Acquire) and head.raw != "none":
-            for dut in bench.duts.values():
-                frames = step.args.duration_s * dut.settings.data_rate_hz
-                total += frames * BYTES_PER_FRAME if head.raw == "frames" else step.args.samples * BYTES_PER_SAMPLE
+    per_second = sum(dut.settings.data_rate_hz for dut in bench.duts.values()) * BYTES_PER_FRAME
+    total, every_s = BYTES_PER_STEP * len(plan), 0.0
+    for step, lasts_s in zip(plan, _durations_s(plan), strict=True):
+        every_s = step.args.every_s if isinstance(step.args, Record) else every_s
+        if step.record is not None:
+            total += lasts_s / every_s * BYTES_PER_ROW * len(bench.duts)
+        if isinstance(step.args, Acquire) and head.raw == "samples":
+            total += step.args.samples * BYTES_PER_SAMPLE * len(bench.duts)
+        if (isinstance(step.args, Acquire) or step.record is not None) and head.raw == "frames":
+            total += lasts_s * per_second
     return total
 
 
@@ -123,6 +147,10 @@ def _step_problems(step: PlannedStep, bench: Bench) -> Iterator[Problem]:
         messages = [f"this bench has no rate table. {missing}"]
     elif isinstance(args, Acquire):
         messages = list(_acquire_messages(args, bench))
+        if step.record is not None:
+            messages.append("a point cannot be measured inside a record. Put a dwell there, or the acquire outside it.")
+    elif isinstance(args, Record):
+        messages = list(_too_fast(args.every_s, "a row", bench))
     yield from (Problem(step.mark, f"'{step.verb}': {message}") for message in messages)
 
 
@@ -194,11 +222,17 @@ def _rate_breaches(value: float, head: ProcedureHead, bench: Bench) -> Iterator[
             yield _Breach((owner, "rate"), value, abs(value) - limit, message)
 
 
-def _acquire_messages(args: Acquire, bench: Bench) -> Iterator[str]:
+def _too_fast(every_s: float, what: str, bench: Bench) -> Iterator[str]:
     for serial, dut in bench.duts.items():
         rate_hz = dut.settings.data_rate_hz
-        if args.every_s * rate_hz < 1 - 1e-9:
-            yield f"a sample every {args.every_s:g} s is faster than the {rate_hz:g} Hz of DUT {serial}."
+        if every_s * rate_hz < 1 - 1e-9:
+            yield f"{what} every {every_s:g} s is faster than the {rate_hz:g} Hz of DUT {serial}."
+
+
+def _acquire_messages(args: Acquire, bench: Bench) -> Iterator[str]:
+    yield from _too_fast(args.every_s, "a sample", bench)
+    for serial, dut in bench.duts.items():
+        rate_hz = dut.settings.data_rate_hz
         if args.duration_s * rate_hz > MAX_FRAMES_PER_POINT:
             yield (
                 f"{args.duration_s * rate_hz:.3g} frames of DUT {serial} in one point are more than "
@@ -208,7 +242,7 @@ def _acquire_messages(args: Acquire, bench: Bench) -> Iterator[str]:
 
 def _safe_problems(bench: Bench) -> Iterator[Problem]:
     """Where the safe state of the chamber breaks the limits of the bench."""
-    if bench.file.chamber is None or bench.file.chamber.safe.action == "hold":
+    if bench.file.chamber is None or bench.file.chamber.safe.action != "go_to":
         return
     safe = bench.file.chamber.safe
     for key, breaches in (
@@ -217,23 +251,6 @@ def _safe_problems(bench: Bench) -> Iterator[Problem]:
     ):
         for breach in breaches:
             yield Problem(bench.document.mark(("chamber", "safe", key)), f"the safe state: {breach.message}")
-
-
-def _model_problems(procedure: ParsedProcedure) -> Iterator[Problem]:
-    """Models that are not installed, and limits for models that are not fitted."""
-    analysis = procedure.head.analysis
-    if analysis is None:
-        return
-    known = [item.name for item in entry_points(group="fogbench.models")]
-    for index, name in enumerate(analysis.models):
-        if name not in known:
-            mark = procedure.document.mark(("analysis", "models", index))
-            yield Problem(mark, f"unknown model '{name}'.{did_you_mean(name, known)}")
-    for index, limit in enumerate(analysis.limits):
-        if limit.model not in analysis.models:
-            mark = procedure.document.mark(("analysis", "limits", index, "model"))
-            hint = did_you_mean(limit.model, analysis.models)
-            yield Problem(mark, f"the limit is for '{limit.model}', which is not fitted.{hint}")
 
 
 def _plan_problems(procedure: ParsedProcedure, plan: Sequence[PlannedStep]) -> Iterator[Problem]:
@@ -246,26 +263,4 @@ def _plan_problems(procedure: ParsedProcedure, plan: Sequence[PlannedStep]) -> I
         mark = procedure.document.mark(("limits", "duration"))
         message = f"the procedure takes about {format_duration(duration_s)}, its limit is {format_duration(limit_s)}."
         yield Problem(mark, message)
-    if procedure.head.analysis:
-        yield from _fit_problems(procedure.head.analysis, procedure, [step for step in plan if step.point is not None])
-
-
-def _fit_problems(analysis: Analysis, procedure: ParsedProcedure, points: Sequence[PlannedStep]) -> Iterator[Problem]:
-    def mark(*path: str | int) -> Mark:
-        return procedure.document.mark(("analysis", *path))
-
-    if not points:
-        yield Problem(mark(), "there is nothing to analyse: the steps hold no acquire.")
-        return
-    train = analysis.splits.random.train
-    if train is not None and train >= len(points):
-        message = f"{train} rows for training, but only {len(points)} points are measured."
-        yield Problem(mark("splits", "random", "train"), message)
-    folds, dwells = analysis.splits.leave_temperatures_out.folds, len({step.dwell for step in points})
-    if dwells < folds and any(limit.split == "leave_temperatures_out" for limit in analysis.limits):
-        message = f"a limit needs temperatures left out in {folds} folds, but points are measured at {dwells} only."
-        yield Problem(mark("splits", "leave_temperatures_out", "folds"), f"{message} Ask for fewer folds.")
-    if any(step.rate_dps is None for step in points):
-        yield Problem(
-            mark(), "some points have no rate setpoint, so there is no reference to fit to. Set a rate first."
-        )
+    yield from analysis_problems(procedure, plan)

@@ -48,16 +48,30 @@ class StopRequest:
     """
 
     def __init__(self) -> None:
-        self._asked = False
+        self._asked = self._deaf = False
+        # Asked to stop at once: whoever makes the bench safe commands it and waits for nothing.
+        self.hurried = False
+        # The bench was brought to its safe state; then: its ports are closed too, and what is left is paper work.
+        self.safe = self.over = False
         self.alive: Callable[[], None] = lambda: None
 
     def ask(self) -> None:
         """Make the present or next wait raise Interrupted."""
         self._asked = True
 
+    def hurry(self) -> None:
+        """The same, and leave out everything but the commands that make the bench safe."""
+        self.hurried = True
+        self._asked = True
+
     def forget(self) -> None:
-        """Let waits go on, for bringing the bench to its safe state."""
-        self._asked = False
+        """From now on let waits go on, whatever is asked, for bringing the bench to its safe state."""
+        self._deaf = True
+
+    def look(self) -> None:
+        """Raise Interrupted if asked to stop, but while the bench is made safe."""
+        if (self._asked and not self._deaf) or (self.hurried and self.safe):
+            raise Interrupted("stopped on request")
 
     def wait(self, seconds: float) -> None:
         """Wait on the wall until asked or `seconds` have passed; then raise Interrupted if asked.
@@ -67,8 +81,7 @@ class StopRequest:
         end = time.monotonic() + seconds
         while True:
             self.alive()
-            if self._asked:
-                raise Interrupted("stopped on request")
+            self.look()
             left = end - time.monotonic()
             if left <= 0.0:
                 return

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
 from importlib.metadata import entry_points
 from pathlib import Path
@@ -58,18 +58,23 @@ def check_simulation(bench: Bench) -> list[Problem]:
 
 @contextmanager
 def open_bench(
-    bench: Bench, seed: int, truth_dir: Path | None, start_s: float = 0.0
+    bench: Bench,
+    seed: int,
+    truth_dir: Path | None,
+    start_s: float = 0.0,
+    duts: Collection[str] | None = None,
+    may_be_absent: Collection[str] = (),
 ) -> Iterator[tuple[Station, Clock]]:
-    """Open a bench, real or virtual, for a run whose clock begins at `start_s`.
+    """Open a bench, real or virtual, for a run whose clock begins at `start_s`; of the DUTs as `open_station` has it.
 
     Raises BenchFailure; closes everything on the way out. A virtual bench begins at rest and at room temperature.
     """
     if bench.virtual:
-        with _simulated(bench, seed, truth_dir, start_s) as opened:
+        with _simulated(bench, seed, truth_dir, start_s, duts, may_be_absent) as opened:
             yield opened
         return
     clock = WallClock(start_s, bench.file.clock.speed)
-    station = open_station(bench, clock)
+    station = open_station(bench, clock, duts, may_be_absent)
     try:
         yield station, clock
     finally:
@@ -102,7 +107,8 @@ def _rewired(bench: Bench, name: str) -> Bench:
             port: str | CanPort = item.port.model_copy(update={"interface": SIMULATED_CAN, "channel": channel})
         else:
             port = f"sim://{name}-{item.role}-{item.name}".replace(" ", "-")
-        return dataclasses.replace(item, port=port)
+        # A simulator answers for its kind, not for the instrument on the bench.
+        return dataclasses.replace(item, port=port, identity=None)
 
     duts = {serial: wired(item) for serial, item in bench.duts.items()}
     chamber, table = bench.chamber, bench.rate_table
@@ -164,7 +170,12 @@ def _check_identifiers(bench: Bench) -> None:
 
 @contextmanager
 def _simulated(
-    bench: Bench, seed: int, truth_dir: Path | None, start_s: float = 0.0
+    bench: Bench,
+    seed: int,
+    truth_dir: Path | None,
+    start_s: float = 0.0,
+    duts: Collection[str] | None = None,
+    may_be_absent: Collection[str] = (),
 ) -> Iterator[tuple[Station, Clock]]:
     world = World(_world_spec(bench, seed), truth_dir, start_s)
     try:
@@ -173,7 +184,7 @@ def _simulated(
         raise BenchFailure(f"the virtual bench cannot be built: {error}") from error
     try:
         clock = VirtualClock(world.env)
-        station = open_station(bench, clock)
+        station = open_station(bench, clock, duts, may_be_absent)
         try:
             yield station, clock
         finally:
@@ -193,7 +204,7 @@ def _world_spec(bench: Bench, seed: int) -> WorldSpec:
         chamber=_spec(bench.chamber) if bench.chamber else None,
         rate_table=_spec(bench.rate_table) if bench.rate_table else None,
         duts={serial: _spec(item) for serial, item in bench.duts.items()},
-        site=SiteParameters(bench.file.site.latitude_deg),
+        site=SiteParameters(bench.file.site.latitude_deg, bench.file.site.azimuth_deg),
         chamber_parameters=chamber,
         table_parameters=table,
         gyro_parameters=gyros,
@@ -272,10 +283,15 @@ def _gyro(bench: Bench, serial: str, given: bool, problems: list[Problem]) -> Gy
         problems.append(Problem(document.mark((*path, "data_rate")), message))
         return None
     try:
-        return changed(gyro_class(name), values)
+        parameters = changed(gyro_class(name), values)
     except ValueError as error:
         problems.append(refused(document, path, str(error)))
         return None
+    if parameters.kind == "north_seeker" and bench.file.site.latitude_deg is None:
+        message = f"{serial} seeks north, for which it needs the earth's rotation: say where the bench stands."
+        problems.append(Problem(document.mark(path, key=True), f"{message} Example: site: {{latitude: 40 deg}}"))
+        return None
+    return parameters
 
 
 def _without_class(document: Any, serial: str) -> Any:

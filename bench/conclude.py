@@ -7,14 +7,17 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from bench.analysis import Judged, analyse, judge_limits
+from bench.analyses.context import Context, Judged
+from bench.analyses.everything import analyse
 from bench.errors import BenchFailure, ExitCode, FogbenchError, Interrupted
 from bench.journal import Entry, load_journal
-from bench.manifest import manifest_of, points_planned, sha256
+from bench.manifest import manifest_of, missing_points, planned, points_planned, sha256
 from bench.points import points_of, timeline_of, write_points, write_table
-from bench.procedure.language import Analysis
+from bench.procedure.language import ProcedureHead
+from bench.quantities import shown
 from bench.runfolder import write_json
 from bench.safe import NOT_SAFE
+from bench.series import write_series
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -22,9 +25,9 @@ if TYPE_CHECKING:
 # Patterns of the files whose hashes the manifest has: all but the journal, which checks itself, and raw files likewise.
 HASHED_FILES = (
     *("procedure.yaml", "bench.yaml", "included/*", "declarations/*", "points.csv", "points.parquet"),
-    *("timeline.parquet", "residuals.parquet", "metrics.json", "models/*/*.json"),
+    *("timeline.parquet", "series/*.parquet", "residuals.parquet", "metrics.json", "models/*/*.json", "analyses/*"),
 )
-QUANTITIES = {"max_abs_dps": "largest error", "std_dps": "standard deviation"}
+ANALYSES = "analyses"
 ReportWriter = Callable[[Path], Any]
 
 
@@ -43,50 +46,47 @@ class RunEnd:
 
 def conclude(
     folder: Path,
-    analysis: Analysis | None,
+    head: ProcedureHead,
     failure: FogbenchError | None,
     write_report: ReportWriter | None = None,
     models: Sequence[str] = (),
+    recorded: Path | None = None,
 ) -> RunEnd:
     """Fold the journal of an ended run into points, timeline, models, metrics, manifest and report.
 
-    `analysis` is what the procedure asks for, and what the run is judged by. `models`, if given, are fitted instead of
+    `head` says what the procedure asks for, and what the run is judged by. `models`, if given, are fitted instead of
     its models; figures of models fitted before are kept, so that trying another model changes no verdict.
+    `recorded` is the run folder with the raw files, if it is another.
     """
     entries = load_journal(folder / "journal.jsonl")
     points = points_of(entries)
     write_points(folder, points)
     write_table(folder / "timeline.parquet", timeline_of(entries))
+    series = write_series(folder, entries, recorded or folder)
     duts = list(entries[0]["duts"])
-    metrics: dict[str, Any] = {}
-    notes: list[str] = []
-    wanted = _wanted(analysis, models)
-    if wanted:
-        result = analyse(folder, points, duts, wanted, {"run_id": entries[0]["run_id"]}, keep=bool(models))
-        metrics, notes = result["metrics"], result["notes"]
-    judged = judge_limits(analysis, metrics, duts) if analysis else []
-    outcome, code, message = _outcome(entries, points, judged, notes if analysis else [], failure)
+    site = entries[0].get("site", {})
+    context = Context(folder, recorded or folder, head, str(entries[0]["run_id"]), duts, points, series, models, site)
+    found = analyse(context)
+    if found.metrics or head.analysis:
+        write_json(folder / "metrics.json", found.metrics)
+    for name, document in found.documents.items():
+        (folder / ANALYSES).mkdir(exist_ok=True)
+        write_json(folder / ANALYSES / f"{name}.json", document)
+    notes = list(found.notes)
+    outcome, code, message = _outcome(entries, points, series, found.judged, notes if found.counts else [], failure)
     hashed = [path for pattern in HASHED_FILES for path in sorted(folder.glob(pattern)) if path.is_file()]
     files = {path.relative_to(folder).as_posix(): sha256(path) for path in hashed}
-    manifest = manifest_of(entries, judged, outcome, code, files) | {"message": message, "notes": notes}
+    manifest = manifest_of(entries, found.judged, outcome, code, files) | {"message": message, "notes": notes}
     write_json(folder / "manifest.json", manifest)
     if write_report:
         write_report(folder)
-    return RunEnd(folder, outcome, code, message, metrics, judged, manifest)
-
-
-def _wanted(analysis: Analysis | None, models: Sequence[str]) -> Analysis | None:
-    """What to fit now: the procedure's models, or those named with everything else as the procedure has it."""
-    if not models:
-        return analysis
-    if analysis is None:
-        return Analysis.model_validate({"models": list(models)})
-    return analysis.model_copy(update={"models": list(models)})
+    return RunEnd(folder, outcome, code, message, found.metrics, found.judged, manifest)
 
 
 def _outcome(
     entries: Sequence[Entry],
     points: pd.DataFrame,
+    series: Sequence[dict[str, Any]],
     judged: Sequence[Judged],
     notes: Sequence[str],
     failure: FogbenchError | None,
@@ -100,22 +100,45 @@ def _outcome(
         return "ERROR", ExitCode.BENCH_FAILED, f"{failure}{warning}"
     reasons = [_in_words(item) for item in judged if not item.passed]
     failed = int((points["verdict"] == "fail").sum())
-    planned = points_planned(entries) * len(entries[0]["duts"])
+    rows_planned = points_planned(entries) * len(entries[0]["duts"])
     reasons += [f"{failed} of {len(points)} points failed their quality limits"] if failed else []
-    reasons += [f"{planned - len(points)} points were not measured"] if len(points) < planned else []
+    reasons += [f"{rows_planned - len(points)} points were not measured"] if len(points) < rows_planned else []
+    reasons += _left_over(entries)
+    reasons += _record_reasons(entries, series)
     reasons += list(dict.fromkeys(notes))
     if reasons:
         return "FAIL", ExitCode.FAILED, "; ".join(reasons)
-    return "PASS", ExitCode.PASSED, "every point measured" + (", all limits met" if judged else "; no limit was set")
+    measured = "record made" if series and not len(points) else "point measured"
+    return "PASS", ExitCode.PASSED, f"every {measured}" + (", all limits met" if judged else "; no limit was set")
+
+
+def _left_over(entries: Sequence[Entry]) -> list[str]:
+    """Which points of which DUT are missing, and how they are measured after all."""
+    names = {"not_measured": "not measured", "failed": "failed"}
+    left = [
+        f"{dut}: " + ", ".join(f"{names[why]} {points}" for why, points in about.items())
+        for dut, about in missing_points(entries).items()
+    ]
+    run_id = entries[0]["run_id"]
+    return [f"missing are, of {'; of '.join(left)} (measure them: fogbench resume {run_id} --missing)"] if left else []
+
+
+def _record_reasons(entries: Sequence[Entry], series: Sequence[dict[str, Any]]) -> list[str]:
+    """What is wrong with the records of the run."""
+    bad = [one for one in series if one["verdict"] == "fail"]
+    reasons = [f"record '{one['label']}' of {one['dut']}: {one['reasons']}" for one in bad]
+    missing = planned(entries, "records_planned") * len(entries[0]["duts"]) - len(series)
+    return reasons + ([f"{missing} records were not made"] if missing > 0 else [])
 
 
 def _in_words(item: Judged) -> str:
     """Why a limit was not passed."""
-    what = f"{item.model}, {item.split.replace('_', ' ')}: {QUANTITIES[item.quantity]}"
+    as_shown = shown(item.quantity, item.limit)
+    what = f"{item.model}, {item.split.replace('_', ' ')}: {as_shown.words}"
     if any(value is None for value in item.measured.values()) or not item.measured:
         return f"{what} was not measured"
     worst = max(value for value in item.measured.values() if value is not None)
-    return f"{what} {worst:.4g} is over its limit {item.limit:g} deg/s"
+    return f"{what} {as_shown.text(worst)} is over its limit {as_shown.text(item.limit)}"
 
 
 def failure_of(entries: Sequence[Entry]) -> FogbenchError | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import threading
 from pathlib import Path
@@ -38,7 +39,9 @@ class Control:
         """Stop watching and take the last request away."""
         self._closed.set()
         self._thread.join()
-        self._path.unlink(missing_ok=True)
+        # On a disk that takes no more changes the request stays; the next attempt takes it away.
+        with contextlib.suppress(OSError):
+            self._path.unlink(missing_ok=True)
 
     def _watch(self) -> None:
         while not self._closed.wait(PERIOD_S):

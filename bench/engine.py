@@ -18,7 +18,7 @@ from bench.procedure.plan import PlannedStep
 from bench.reduction import slope
 from bench.station import Gyro, Station
 from drivers.codecs.batch import FrameBatch
-from drivers.errors import DriverError
+from drivers.errors import BadReply, DriverError, NoReply, PortError
 
 # How often readbacks are taken while waiting. Every frame received in between is decoded, so this is also the largest
 # block but one that a reader buffer has to hold.
@@ -26,11 +26,16 @@ WATCH_PERIOD_S = 30.0
 REHEARSED_WATCH_PERIOD_S = 120.0
 # DUT temperatures kept for the slope condition of a soak.
 HISTORY_S = 4 * 3600.0
+# What a link does that may get well by itself; an instrument that refuses has understood.
+LINK_ERRORS = (NoReply, BadReply, PortError)
 
 
 @dataclass
 class Readbacks:
-    """The newest readback of everything; None where nothing was read yet."""
+    """The newest readback of everything; None where nothing was read yet.
+
+    chamber_s, rate_s: when chamber temperature and table rate were last read.
+    """
 
     t_s: float = 0.0
     chamber_setpoint_degc: float | None = None
@@ -38,6 +43,8 @@ class Readbacks:
     rate_setpoint_dps: float | None = None
     rate_dps: float | None = None
     dut_degc: dict[str, float] = field(default_factory=dict)
+    chamber_s: float | None = None
+    rate_s: float | None = None
 
 
 @dataclass(frozen=True)
@@ -63,12 +70,59 @@ class Tripped(FogbenchError):
         super().__init__("; ".join(f"guard '{guard.name}': {text}" for guard, _, text in self.trips))
 
 
+class LinkLost(BenchFailure):
+    """Chamber or table did not answer, or not sensibly, in a step."""
+
+
 class Acquirer(Protocol):
     """How the acquire verb is carried out: for a record, or for a rehearsal that only lets the time pass."""
 
     def acquire(self, engine: Engine, step: PlannedStep) -> None:
         """Carry out one acquire step."""
         ...
+
+
+class Recorder(Protocol):
+    """How the record verb is carried out; `SilentRecorder` is that of a rehearsal."""
+
+    @property
+    def active(self) -> bool:
+        """Whether a record is under way."""
+        ...
+
+    def begin(self, engine: Engine, step: PlannedStep) -> None:
+        """Listen from now on."""
+        ...
+
+    def heard(self, dut: str, batch: FrameBatch) -> None:
+        """Add what a DUT sent."""
+        ...
+
+    def disturbed(self, why: str) -> None:
+        """Note what happened to the bench meanwhile."""
+        ...
+
+    def end(self, engine: Engine) -> None:
+        """Finish the record, durably."""
+        ...
+
+
+class SilentRecorder:
+    """Records nothing."""
+
+    active = False
+
+    def begin(self, engine: Engine, step: PlannedStep) -> None:
+        """The steps run as they would."""
+
+    def heard(self, dut: str, batch: FrameBatch) -> None:
+        """Not kept."""
+
+    def disturbed(self, why: str) -> None:
+        """Not kept."""
+
+    def end(self, engine: Engine) -> None:
+        """Nothing to finish."""
 
 
 @dataclass
@@ -85,11 +139,16 @@ class Engine:
     watch_period_s: float = WATCH_PERIOD_S
     before_step: Callable[[Engine, PlannedStep], None] = lambda engine, step: None
     check_guards: Callable[[Engine], None] = lambda engine: None
-    on_trip: Callable[[Engine, PlannedStep, Tripped], None] | None = None
+    on_trip: Callable[[Engine, PlannedStep, Tripped], PlannedStep] | None = None
+    on_link: Callable[[Engine, PlannedStep, LinkLost], PlannedStep] | None = None
+    tend_links: Callable[[Engine], None] = lambda engine: None
+    recorder: Recorder = field(default_factory=SilentRecorder)
     readbacks: Readbacks = field(default_factory=Readbacks)
     history: dict[str, deque[tuple[float, float]]] = field(default_factory=dict)
     heard_s: dict[str, float] = field(default_factory=dict)
     silent_s: dict[str, float] = field(default_factory=dict)
+    newest: dict[str, FrameBatch] = field(default_factory=dict)
+    begun: tuple[int, float] = (0, 0.0)
     _step: PlannedStep | None = None
     _steps: int = 0
 
@@ -97,35 +156,56 @@ class Engine:
         """Run every step. Raises BenchFailure with the step's place if an instrument or a deadline fails."""
         self._steps = len(plan)
         for step in plan:
-            while not self._carried_out(step):
-                continue
+            todo: PlannedStep | None = step
+            while todo is not None:
+                todo = self._carried_out(todo)
             self.log.append("done", self.clock.now(), step=step.number)
             self._tell(finished=True)
         self.log.commit()
 
-    def _carried_out(self, step: PlannedStep) -> bool:
-        """Carry out a step; False if a guard broke it off and the bench is ready for it once more."""
+    def _carried_out(self, step: PlannedStep) -> PlannedStep | None:
+        """Carry out a step; None once it is done, else what is left of it, with the bench ready for that."""
         try:
             self.before_step(self, step)
             self.execute(step)
-        except Tripped as trip:
+            return None
+        except (Tripped, LinkLost, *LINK_ERRORS) as error:
+            trouble: Exception = error
+        while True:
+            try:
+                return self._overcome(step, trouble)
+            except (Tripped, LinkLost, *LINK_ERRORS) as error:
+                if error is trouble:
+                    raise
+                trouble = error
+
+    def _overcome(self, step: PlannedStep, trouble: Exception) -> PlannedStep:
+        """Make the bench ready for a step that was broken off. Raises the trouble if nobody sees to it."""
+        self.recorder.disturbed(str(trouble))
+        if isinstance(trouble, Tripped):
             if self.on_trip is None:
-                raise
-            self.on_trip(self, step, trip)
-            return False
-        return True
+                raise trouble
+            return self.on_trip(self, step, trouble)
+        lost = trouble if isinstance(trouble, LinkLost) else LinkLost(str(self.fail(step, str(trouble))))
+        if self.on_link is None:
+            raise lost
+        return self.on_link(self, step, lost)
 
     def execute(self, step: PlannedStep, again: bool = False) -> None:
         """Carry out one step; `again` if it was done before and only brings the bench back to where it was."""
         self._step = step
+        if not again:
+            self.begun = step.number, self.clock.now()
         repeated = {"again": True} if again else {}
         self.log.append("step", self.clock.now(), step=step.number, verb=step.verb, at=str(step.mark), **repeated)
         self.log.commit()
         try:
             self.check_guards(self)
             self.steps[step.verb](self, step)
+        except LINK_ERRORS as error:
+            raise LinkLost(str(self.fail(step, str(error)))) from error
         except DriverError as error:
-            raise BenchFailure(f"step {step.number} '{step.verb}' ({step.mark}): {error}") from error
+            raise self.fail(step, str(error)) from error
 
     def _tell(self, finished: bool) -> None:
         if self._step is not None:
@@ -139,7 +219,8 @@ class Engine:
             self.poll()
 
     def poll(self) -> Readbacks:
-        """Take a readback of everything and listen to the DUTs."""
+        """Take a readback of everything and listen to the DUTs, those that were lost included."""
+        self.tend_links(self)
         for name, gyro in self.station.gyros.items():
             self.heard(name, gyro, gyro.take())
         return self.read_instruments()
@@ -147,6 +228,8 @@ class Engine:
     def heard(self, name: str, gyro: Gyro, batch: FrameBatch) -> None:
         """Note the DUT temperature of a batch: the mean of its newest second; and for how long there was none."""
         now = self.clock.now()
+        self.recorder.heard(name, batch)
+        self.newest[name] = batch
         if len(batch.index):
             newest = max(1, round(gyro.data_rate_hz))
             degc = float(np.mean(batch.temperature_degc[-newest:]))
@@ -165,10 +248,10 @@ class Engine:
         current.t_s = now
         fields: dict[str, Any] = {"dut_degc": {k: round(v, 4) for k, v in current.dut_degc.items()}}
         if self.station.chamber:
-            current.chamber_degc = self.station.chamber.temperature_degc()
+            current.chamber_degc, current.chamber_s = self.station.chamber.temperature_degc(), now
             fields |= {"chamber_setpoint_degc": current.chamber_setpoint_degc, "chamber_degc": current.chamber_degc}
         if self.station.table:
-            current.rate_dps = self.station.table.rate_dps()
+            current.rate_dps, current.rate_s = self.station.table.rate_dps(), now
             fields |= {"rate_setpoint_dps": current.rate_setpoint_dps, "rate_dps": current.rate_dps}
         self.log.append("readback", now, **fields)
         self._tell(finished=False)

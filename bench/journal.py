@@ -7,12 +7,14 @@ end is dropped when the journal is read; damage anywhere else is refused, becaus
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import zlib
 from collections.abc import Iterator
+from io import FileIO
 from pathlib import Path
-from typing import Any, BinaryIO, Protocol
+from typing import Any, Protocol
 
 from bench.errors import FogbenchError
 
@@ -50,16 +52,22 @@ class MemoryLog:
 
 
 class Journal:
-    """Writer of a journal file, new or continued."""
+    """Writer of a journal file, new or continued.
 
-    def __init__(self, file: BinaryIO, number: int) -> None:
+    A record reaches the system at once, so that a killed process loses none, and the disk with the next commit. What
+    the system does not take is kept and tried again: appending never fails, a commit says so.
+    """
+
+    def __init__(self, file: FileIO, number: int) -> None:
+        """file: open for writing, without a buffer."""
         self._file = file
         self._number = number
+        self._pending = bytearray()
 
     @classmethod
     def create(cls, path: Path, head: Entry) -> Journal:
         """A new journal with its head record; `path` must not exist. Raises OSError."""
-        journal = cls(path.open("xb"), 0)
+        journal = cls(path.open("xb", buffering=0), 0)
         journal.append("journal", 0.0, format=FORMAT, **head)
         journal.commit()
         return journal
@@ -72,28 +80,36 @@ class Journal:
         """
         entries = load_journal(path)
         whole = sum(len(line) + 1 for line in path.read_bytes().split(b"\n")[: len(entries)])
-        file = path.open("r+b")
+        file = path.open("r+b", buffering=0)
         file.truncate(whole)
         file.seek(whole)
         os.fsync(file.fileno())
         return cls(file, len(entries))
 
     def append(self, kind: str, t_s: float, **fields: Any) -> None:
-        """Add a record to the buffer. Raises ValueError for a value JSON cannot hold (NaN is one)."""
+        """Add a record. Raises ValueError for a value JSON cannot hold (NaN is one)."""
         entry = {"n": self._number, "t_s": t_s, "kind": kind, **fields}
-        self._file.write(encode(entry))
+        self._pending += encode(entry)
         self._number += 1
+        with contextlib.suppress(OSError):
+            self._hand_over()
+
+    def _hand_over(self) -> None:
+        while self._pending:
+            del self._pending[: self._file.write(self._pending)]
 
     def commit(self) -> None:
-        """Write the buffer through to the disk. Raises OSError (disk full)."""
-        self._file.flush()
+        """Bring everything appended so far to the disk. Raises OSError (disk full)."""
+        self._hand_over()
         os.fsync(self._file.fileno())
 
     def close(self) -> None:
-        """Commit and close."""
+        """Commit and close. Raises OSError if something is not on the disk; closed it is all the same."""
         if not self._file.closed:
-            self.commit()
-            self._file.close()
+            try:
+                self.commit()
+            finally:
+                self._file.close()
 
 
 def encode(entry: Entry) -> bytes:

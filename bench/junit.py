@@ -16,12 +16,13 @@ from xml.etree import ElementTree
 
 from bench.clock import utc_now
 from bench.errors import BenchFailure, ExitCode, FogbenchError, Problem, UserMistake
+from bench.quantities import shown
 from bench.runfolder import write_atomic
 
 if TYPE_CHECKING:
     import pandas as pd
 
-    from bench.analysis import Judged
+    from bench.analyses.context import Judged
     from bench.conclude import RunEnd
 
 Status = Literal["passed", "failure", "error"]
@@ -188,17 +189,18 @@ def _outcome_case(end: RunEnd) -> Case:
 def _limit_case(item: Judged, end: RunEnd) -> Case:
     """A figure that could not be measured has not passed (law 9): an error if the run broke off, else a failure."""
     name = f"limit: {item.model}, {item.split}, {item.quantity}"
-    shown = [
-        f"{dut}: {'not measured' if value is None else f'{value:.5g} deg/s'}" for dut, value in item.measured.items()
+    as_shown = shown(item.quantity, item.limit)
+    lines = [
+        f"{dut}: {'not measured' if value is None else as_shown.text(value, 5)}" for dut, value in item.measured.items()
     ]
-    text = "\n".join([*shown, f"limit: {item.limit:g} deg/s"])
+    text = "\n".join([*lines, f"limit: {as_shown.text(item.limit)}"])
     if item.passed:
         return Case(name, output=text)
     if any(value is None for value in item.measured.values()) or not item.measured:
         status: Status = "failure" if end.outcome == "FAIL" else "error"
         return Case(name, status, "not measured", f"not measured ({end.outcome})", text)
     worst = max(value for value in item.measured.values() if value is not None)
-    return Case(name, "failure", "limit", f"{worst:.5g} is over {item.limit:g} deg/s", text)
+    return Case(name, "failure", "limit", f"{as_shown.text(worst, 5)} is over {as_shown.text(item.limit)}", text)
 
 
 def _points_case(dut: str, points: pd.DataFrame, planned: int, end: RunEnd) -> Case:

@@ -44,6 +44,8 @@ def live_file(bench: Bench, ports: Mapping[Path_, Any], speed: float) -> str:
         for part in item.path:
             entry = entry[part]
         entry["port"] = ports[item.path]
+        # A simulator answers for its kind, not for the instrument on the bench.
+        entry.pop("identity", None)
         entry |= {"settings": _anywhere(item, entry["settings"])} if entry.get("settings") else {}
     return yaml.dump(live, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=120)
 

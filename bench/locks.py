@@ -7,7 +7,7 @@ import json
 import os
 import tempfile
 from collections.abc import Iterable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 from filelock import FileLock, Timeout
@@ -60,7 +60,9 @@ def _held(path: Path, what: str, run_id: str) -> Iterator[None]:
         holder.write_text(json.dumps({"pid": os.getpid(), "run": run_id, "since": utc_now()}), encoding="utf-8")
         yield
     finally:
-        holder.unlink(missing_ok=True)
+        # On a disk that takes no more changes the note stays; the lock is what counts.
+        with suppress(OSError):
+            holder.unlink(missing_ok=True)
         lock.release()
 
 

@@ -10,10 +10,13 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from bench.analysis import Judged
+from bench.analyses.context import Judged
 from bench.check import Checked
 from bench.journal import Entry
 from bench.points import finished_rows
+from bench.rawstore import QUEUE_LENGTH
+from bench.replacement import left_to_measure, ranges
+from bench.series import finished_series
 
 PACKAGES = ("numpy", "scipy", "pandas", "pyarrow", "scikit-learn", "pyserial", "python-can", "simpy", "pydantic")
 # Kinds of journal records that a reader of the report wants to see.
@@ -30,6 +33,7 @@ EVENT_KINDS = (
     "held",
     "clear",
     "dropped",
+    "link",
 )
 
 
@@ -51,6 +55,7 @@ def head_of(checked: Checked, run_id: str, seed: int, overrides: Sequence[str], 
             "sha256": sha256(Path(bench.document.file)),
             "virtual": bench.virtual,
         },
+        "site": {"latitude_deg": bench.file.site.latitude_deg, "azimuth_deg": bench.file.site.azimuth_deg},
         "overrides": list(overrides),
         "seed": seed,
         "started_utc": started_utc,
@@ -58,6 +63,7 @@ def head_of(checked: Checked, run_id: str, seed: int, overrides: Sequence[str], 
         "versions": {"fogbench": version("fogbench"), "python": platform.python_version()}
         | {name: version(name) for name in PACKAGES},
         "points_planned": checked.points,
+        "records_planned": checked.records,
         "duts": {
             serial: {"driver": item.driver, "port": item.address, "limits": bench.file.duts[serial].limits.rate_dps}
             for serial, item in bench.duts.items()
@@ -86,9 +92,13 @@ def manifest_of(
         "wall_s": sum(entry["wall_s"] for entry in ends) if ends else None,
         "attempts": 1 + sum(entry["kind"] == "resumed" for entry in entries),
         "points_measured": len(points),
+        "records_planned": planned(entries, "records_planned"),
+        "series": finished_series(entries),
+        "missing": missing_points(entries),
         "identities": identities.get("found", {}),
         "limits": [{**asdict(item), "passed": item.passed} for item in judged],
         "data_quality": _total_losses(ends),
+        "raw_queue": {"deepest": max((end["raw_queue_deepest"] for end in ends), default=None), "length": QUEUE_LENGTH},
         "events": [
             {"t_s": entry["t_s"], "kind": entry["kind"], "text": event_text(entry)}
             for entry in entries
@@ -98,9 +108,20 @@ def manifest_of(
     }
 
 
+def missing_points(entries: Sequence[Entry]) -> dict[str, dict[str, str]]:
+    """Per DUT the points that were not measured or failed, as ranges: {"FOG-A01": {"not_measured": "12-28"}}."""
+    left = left_to_measure(finished_rows(entries), list(entries[0]["duts"]), points_planned(entries))
+    return {dut: {why: ranges(points) for why, points in about.items() if points} for dut, about in left.items()}
+
+
 def points_planned(entries: Sequence[Entry]) -> int:
     """Conditions to be measured by the plan as it is now; a resumed run may have accepted another."""
-    return next(int(entry["points_planned"]) for entry in reversed(entries) if "points_planned" in entry)
+    return planned(entries, "points_planned")
+
+
+def planned(entries: Sequence[Entry], what: str) -> int:
+    """A count of the plan as it is now; 0 if no record of the journal has it."""
+    return next((int(entry[what]) for entry in reversed(entries) if what in entry), 0)
 
 
 def _total_losses(ends: Sequence[Entry]) -> dict[str, dict[str, int]]:

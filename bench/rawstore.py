@@ -9,13 +9,14 @@ footer has none, a digest of the whole file in its metadata: that of the file wi
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import io
 import json
 import os
 import queue
 import threading
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -28,6 +29,8 @@ from bench.runfolder import sync_folder
 
 QUEUE_LENGTH = 16
 WRITERS = 2
+# How often somebody who waits for the disk looks whether to go on waiting.
+LOOK_S = 0.1
 
 # Keys of a file's metadata: what the columns are (JSON), and the digest of the file, SHA-256 in hexadecimal digits.
 ABOUT, DIGEST = b"fogbench", b"fogbench.sha256"
@@ -53,10 +56,14 @@ class RawFileDamaged(FogbenchError):
 
 
 class RawStore:
-    """Writer threads for `RawFile`s under one folder, one for each core a small bench PC has."""
+    """Writer threads for `RawFile`s under one folder, one for each core a small bench PC has.
 
-    def __init__(self, folder: Path) -> None:
-        self._folder = folder
+    `look` is called while somebody waits for the disk, and may raise to end that. `deepest` is how many files ever
+    waited at once, of QUEUE_LENGTH.
+    """
+
+    def __init__(self, folder: Path, look: Callable[[], None] = lambda: None) -> None:
+        self._folder, self._look = folder, look
         folder.mkdir(parents=True, exist_ok=True)
         self._queue: queue.Queue[RawFile | None] = queue.Queue(QUEUE_LENGTH)
         self._error: Exception | None = None
@@ -71,21 +78,33 @@ class RawStore:
     def put(self, raw: RawFile) -> None:
         """Hand over one file. Raises BenchFailure if an earlier one could not be written."""
         self._raise_if_failed()
-        self._queue.put(raw)
+        self._enter(raw)
         self.deepest = max(self.deepest, self._queue.qsize())
+
+    def _enter(self, raw: RawFile | None) -> None:
+        while True:
+            with contextlib.suppress(queue.Full):
+                self._queue.put(raw, timeout=LOOK_S)
+                return
+            self._look()
 
     def flush(self) -> None:
         """Wait for everything to be on disk: a point is finished when its raw files are. Raises BenchFailure."""
-        self._queue.join()
+        with self._queue.all_tasks_done:
+            while self._queue.unfinished_tasks:
+                self._queue.all_tasks_done.wait(LOOK_S)
+                self._look()
         self._raise_if_failed()
 
     def close(self) -> None:
         """Write what is left and end the threads. Raises BenchFailure if something is not on disk."""
         for thread in self._threads:
             if thread.is_alive():
-                self._queue.put(None)
+                self._enter(None)
         for thread in self._threads:
-            thread.join()
+            while thread.is_alive():
+                thread.join(LOOK_S)
+                self._look()
         self._raise_if_failed()
 
     def _raise_if_failed(self) -> None:

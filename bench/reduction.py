@@ -14,6 +14,16 @@ Floats = NDArray[np.float64]
 # loses one to it once in half a million points.
 OUTLIER_MADS = 6.0
 MAD_TO_SIGMA = 1.4826
+# The same rule on frames; farther out, for there are many more of them, and looked at through a part of them: white
+# noise of 60 000 frames loses one to it once in a billion points.
+SPIKE_MADS = 8.0
+SPIKE_PART = 500
+# Consecutive frames that may be a spike. What is off for longer is motion or a step, and stays in the samples.
+SPIKE_FRAMES = 3
+# A run of equal frames is frozen output if noise would show such a run once in so many points.
+HELD_ODDS = 1e9
+# Equal frames that are a run at all, and frames per change of an output that is frozen altogether.
+HELD_LEAST, HELD_CHANGES = 10, 1000
 
 
 @dataclass(frozen=True)
@@ -119,6 +129,57 @@ def outliers(values: Floats) -> NDArray[np.bool_]:
     if spread == 0.0:
         return np.zeros(values.shape, bool)
     return distance > OUTLIER_MADS * spread
+
+
+def spikes(rate_dps: Floats, good: NDArray[np.bool_]) -> NDArray[np.bool_] | None:
+    """Which good frames are spikes: at most three in a row, farther than 8 scaled MAD from the median; None if none.
+
+    Median and MAD are those of some five hundred frames, evenly spread. Where more than half of these are equal, their
+    resolution takes the place of the MAD.
+    """
+    values = rate_dps if good.all() else rate_dps[good]
+    part = values[:: max(1, values.size // SPIKE_PART)]
+    if part.size < HELD_LEAST:
+        return None
+    middle = part.size // 2
+    centre = np.partition(part, middle)[middle]
+    distance = np.abs(part - centre)
+    spread = MAD_TO_SIGMA * np.partition(distance, middle)[middle]
+    if spread == 0.0:
+        spread = distance[distance > 0.0].min(initial=np.inf)
+    reach = SPIKE_MADS * spread
+    if values.max() - centre <= reach and centre - values.min() <= reach:
+        return None
+    far = np.flatnonzero(good & (np.abs(rate_dps - centre) > reach))
+    runs = np.split(far, np.flatnonzero(np.diff(far) > 1) + 1)
+    found = np.zeros(rate_dps.shape, bool)
+    found[np.concatenate([far[:0], *(run for run in runs if run.size <= SPIKE_FRAMES)])] = True
+    return found if found.any() else None
+
+
+def held_frames(raw: NDArray[np.generic]) -> int:
+    """How many frames only repeat the one before although noise would not: the output was frozen.
+
+    A run of equal frames counts from the length on that noise has once in 10⁹ points. Of counts so coarse that many are
+    equal by nature, half of the runs may be short excursions; the other half are geometric in length, so that one in
+    ten runs being longer than q, one in 2 · 5^(L/q) is longer than L.
+    """
+    n = raw.size
+    same = raw[1:] == raw[:-1]
+    repeats = int(np.count_nonzero(same))
+    if n <= HELD_LEAST or repeats < HELD_LEAST:
+        return 0
+    if (n - repeats) * HELD_CHANGES < n or repeats == n - 1:
+        return repeats
+    shortest = float(np.log(n * HELD_ODDS / 2.0) / np.log(5.0))
+    # A run of the shortest length that counts fills at least one whole block.
+    block = int(shortest) // 2
+    if not same[: same.size // block * block].reshape(-1, block).all(axis=1).any():
+        return 0
+    lengths = np.diff(np.flatnonzero(np.concatenate(([True], ~same, [True]))))
+    tenth = max(1, lengths.size // 10)
+    long = lengths[lengths >= shortest * np.partition(lengths, -tenth)[-tenth]]
+    return int((long - 1).sum())
 
 
 def standard_uncertainty(values: Floats) -> float:

@@ -4,36 +4,35 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from bench.check import Checked, check
 from bench.clock import seconds_since_changed
+from bench.dutlinks import left_out
 from bench.errors import UserMistake
-from bench.forecast import rehearse
+from bench.forecast import Forecast, rehearse
 from bench.journal import Entry, load_journal
-from bench.manifest import sha256
+from bench.manifest import missing_points, planned, sha256
+from bench.missing import Missing, missing_of, steps_for
 from bench.overrides import Override, parse_overrides
 from bench.refit import complete
 from bench.resumption import interruption_of
 from bench.run import Prepared, Resumed, record_files
 from bench.runfolder import DECLARATIONS, INCLUDED
+from bench.series import finished_series
 
 KINDS = ("procedure", "bench")
 
 
-def prepare_resume(folder: Path, accept: Sequence[str] = ()) -> Prepared:
+def prepare_resume(folder: Path, accept: Sequence[str] = (), missing: bool = False) -> Prepared:
     """Check and rehearse what is left of a run. Raises UserMistake; touches no hardware.
 
-    `accept` names the files ('procedure', 'bench') whose changes since the run began are wanted.
+    `accept` names the files ('procedure', 'bench') whose changes since the run began are wanted. With `missing`, what
+    is left is what a run whose plan was carried out did not measure, or measured badly.
     """
     entries = load_journal(folder / "journal.jsonl")
-    end = next((entry for entry in reversed(entries) if entry["kind"] in ("end", "resumed")), None)
-    if end is not None and end["kind"] == "end" and end["failure"] is None:
-        # It may have died between its last record and its last file.
-        complete(folder)
-        raise UserMistake(
-            f"the run '{folder.name}' finished; there is nothing to resume. See: fogbench report {folder}"
-        )
+    _check_finished(folder, entries, missing)
     overrides = parse_overrides(entries[0].get("overrides", []))
     included = sorted((folder / INCLUDED).glob("*"))
     recorded = check(folder / "procedure.yaml", folder / "bench.yaml", overrides, included, folder / DECLARATIONS)
@@ -43,8 +42,52 @@ def prepare_resume(folder: Path, accept: Sequence[str] = ()) -> Prepared:
     gap_s = 0.0 if bench.virtual else seconds_since_changed(folder / "journal.jsonl") * bench.file.clock.speed
     attempt = 2 + sum(entry["kind"] == "resumed" for entry in entries)
     seed = int(entries[0]["seed"])
-    resumed = Resumed(stop, gap_s, attempt, accepted)
-    return Prepared(folder, checked, seed, rehearse(checked, seed), overrides, resumed)
+    absent = left_out(entries)
+    if not missing:
+        resumed = Resumed(stop, gap_s, attempt, accepted, None, absent)
+        return Prepared(folder, checked, seed, rehearse(checked, seed), overrides, resumed)
+    lacking = missing_of(entries, checked.plan)
+    resumed = Resumed(stop, gap_s, attempt, accepted, lacking, absent)
+    return Prepared(folder, checked, seed, _forecast(checked, seed, lacking), overrides, resumed)
+
+
+def _check_finished(folder: Path, entries: Sequence[Entry], missing: bool) -> None:
+    """Raise UserMistake if there is nothing to go on with, or if it is to be asked for in another way."""
+    ends = [entry for entry in entries if entry["kind"] == "end"]
+    carried_out = any(end["failure"] is None for end in ends)
+    if not carried_out:
+        if missing:
+            raise UserMistake(f"the plan of run '{folder.name}' was not carried out yet: fogbench resume {folder}")
+        return
+    last = next(entry for entry in reversed(entries) if entry["kind"] in ("end", "resumed"))
+    ended = last["kind"] == "end" and last["failure"] is None
+    if ended:
+        # It may have died between its last record and its last file.
+        complete(folder)
+    if missing and not (ended and not _lacks(entries)):
+        return
+    finished = f"the run '{folder.name}' finished; there is nothing to resume. See: fogbench report {folder}"
+    if _lacks(entries) or not ended:
+        finished += f". What it lacks is measured by: fogbench resume {folder} --missing"
+    raise UserMistake(finished)
+
+
+def _lacks(entries: Sequence[Entry]) -> bool:
+    """Whether points or records are missing or failed."""
+    records = planned(entries, "records_planned") * len(entries[0]["duts"])
+    made = sum(one["verdict"] != "fail" for one in finished_series(entries))
+    return bool(missing_points(entries)) or made < records
+
+
+def _forecast(checked: Checked, seed: int, missing: Missing) -> Forecast:
+    """The rehearsal of what is missing; a step that is left out ends with the one before it."""
+    steps = steps_for(checked.plan, missing)
+    rehearsed = rehearse(replace(checked, plan=steps), seed)
+    ends = dict(zip((step.number for step in steps), rehearsed.ends_s, strict=False))
+    ends_s: list[float] = []
+    for step in checked.plan if ends else ():
+        ends_s.append(ends.get(step.number, ends_s[-1] if ends_s else 0.0))
+    return replace(rehearsed, ends_s=tuple(ends_s))
 
 
 def _with_changes(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from bench.control import Control
 from bench.engine import Engine
@@ -51,11 +51,16 @@ def reestablish(
     """Bring the bench back to the conditions of the next step; what of the plan remains, its first step shortened if
     it is a soak that may go on.
 
-    The chamber's setpoint comes first, then the soak unless it held over the gap, then the table's rate.
+    A record that was broken off begins again from its first step. The chamber's setpoint comes first, then the soak
+    unless it held over the gap, then the table's rate. On the way to a temperature the one before is not gone back to.
     """
     index = stop.next_step
+    inside = plan[index].record_step if index < len(plan) else None
+    if inside is not None and not engine.recorder.active:
+        index = inside - 1
     before = plan[:index]
-    chamber = _last(before, (SetTemperature, RampTemperature))
+    moving = index < len(plan) and isinstance(plan[index].args, SetTemperature | RampTemperature)
+    chamber = None if moving else _last(before, (SetTemperature, RampTemperature))
     if chamber is not None:
         engine.execute(before[chamber], again=True)
     held = gap_s <= policy.gap_s and _as_warm(engine, stop.dut_degc, policy.band_k)
@@ -79,11 +84,13 @@ def pauser(
 ) -> Callable[[Engine, PlannedStep], None]:
     """What the engine calls before each step: holds there while a pause is asked for, then brings the bench back.
 
-    A step under way is finished first, so a pause costs no soak and no point. The table rests, the chamber holds.
+    A step or record under way is finished first, so a pause costs no soak and no point. The table rests, the chamber
+    holds.
     """
 
     def hold(engine: Engine, step: PlannedStep) -> None:
-        if not control.paused:
+        # A record is one measurement: a pause waits for its end.
+        if not control.paused or step.record_step not in (None, step.number):
             return
         began_s = engine.clock.now()
         engine.log.append("paused", began_s, text=f"before step {step.number} '{step.verb}'", step=step.number)
@@ -118,13 +125,4 @@ def _as_warm(engine: Engine, before_degc: Mapping[str, float], band_k: float) ->
 
 def _shortened(step: PlannedStep, soak: Soak, soaked_s: float) -> PlannedStep:
     remaining = max(1.0, soak.for_s - soaked_s)
-    return PlannedStep(
-        step.number,
-        step.verb,
-        soak.model_copy(update={"for_s": remaining}),
-        step.mark,
-        step.dwell,
-        step.temperature_degc,
-        step.rate_dps,
-        step.point,
-    )
+    return replace(step, args=soak.model_copy(update={"for_s": remaining}))

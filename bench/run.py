@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 from bench.acquire import RecordingAcquirer
 from bench.check import Checked, check
@@ -14,6 +16,7 @@ from bench.clock import Clock, StopRequest, stopwatch, utc_now
 from bench.composition import open_bench, seed_of
 from bench.conclude import ReportWriter, RunEnd, conclude
 from bench.control import Control
+from bench.dutlinks import DutLinks
 from bench.earth import earth_rate_dps
 from bench.engine import Engine, Listener
 from bench.errors import BenchFailure, FogbenchError, Interrupted, UserMistake
@@ -21,11 +24,16 @@ from bench.forecast import Forecast, rehearse
 from bench.guardian import FILE as GUARDIAN_FILE
 from bench.guardian import Guardian
 from bench.guards import checker, guards_of, responder
-from bench.journal import Entry, Journal, load_journal
+from bench.journal import Journal, load_journal
+from bench.links import CommandedLinks
 from bench.locks import port_locks, run_lock
 from bench.manifest import head_of, sha256
+from bench.missing import Missing, only_missing, steps_for
 from bench.overrides import Override
+from bench.points import finished_rows
+from bench.procedure.plan import PlannedStep
 from bench.rawstore import RawStore
+from bench.record import SeriesRecorder
 from bench.resumption import Interruption, pauser, reestablish
 from bench.runfolder import DECLARATIONS, INCLUDED, copy_into, new_run_folder, sync_folder
 from bench.safe import NOT_SAFE, make_safe
@@ -50,12 +58,23 @@ class RunRequest:
 
 @dataclass(frozen=True)
 class Resumed:
-    """The earlier part of a run that goes on: where it stopped, for how long it stood, and which attempt this is."""
+    """The earlier part of a run that goes on: where it stopped, for how long it stood, and which attempt this is.
+
+    missing: of a run whose plan was carried out, what alone is measured now. may_be_absent: DUTs that were lost when it
+    stopped.
+    """
 
     stop: Interruption
     gap_s: float
     attempt: int
     accepted: str = ""
+    missing: Missing | None = None
+    may_be_absent: Collection[str] = ()
+
+    @property
+    def duts(self) -> Collection[str] | None:
+        """The only DUTs that are opened; None: all."""
+        return None if self.missing is None else self.missing.duts
 
 
 @dataclass(frozen=True)
@@ -109,7 +128,7 @@ def run(
     with (
         run_lock(folder),
         port_locks(real_ports, folder.name),
-        open_bench(checked.bench, prepared.seed, _truth_dir(prepared), start_s) as (station, clock),
+        _open(prepared, start_s) as (station, clock),
     ):
         on_stop(clock.stop)
         check_reach(station, checked.plan)
@@ -122,14 +141,44 @@ def run(
             failure = _execute(prepared, station, clock, journal, control, listener)
         finally:
             control.close()
-            journal.close()
+            unwritten = _closed(journal)
             if guardian:
-                _let_go(guardian, load_journal(folder / "journal.jsonl"))
-    return conclude(folder, checked.head.analysis, failure, write_report)
+                _let_go(guardian, folder / "journal.jsonl")
+    failure = failure or unwritten
+    if clock.stop.hurried:
+        text = "stopped at once: the bench was commanded to its safe state, points and report were not written"
+        raise Interrupted(f"{text}. Go on with: fogbench resume {folder}")
+    clock.stop.over = True
+    try:
+        return conclude(folder, checked.head, failure, write_report)
+    except OSError as error:
+        why = f"{failure}; then the results" if failure else "the results"
+        text = f"{why} could not be written: {error}. What was journaled is kept; see to the disk, then"
+        raise BenchFailure(f"{text}: fogbench resume {folder}") from error
 
 
-def _let_go(guardian: Guardian, entries: Sequence[Entry]) -> None:
-    """Dismiss the guardian if the bench was left safe; else it goes on where this process gives up."""
+def _open(prepared: Prepared, start_s: float) -> AbstractContextManager[tuple[Station, Clock]]:
+    bench, seed, truth, resumed = prepared.checked.bench, prepared.seed, _truth_dir(prepared), prepared.resumed
+    if resumed is None:
+        return open_bench(bench, seed, truth, start_s)
+    return open_bench(bench, seed, truth, start_s, resumed.duts, resumed.may_be_absent)
+
+
+def _closed(journal: Journal) -> BenchFailure | None:
+    """Close the journal; the failure to do so."""
+    try:
+        journal.close()
+    except OSError as error:
+        return BenchFailure(f"the journal could not be written to its end: {error}")
+    return None
+
+
+def _let_go(guardian: Guardian, journal: Path) -> None:
+    """Dismiss the guardian if the bench was left safe for all one can read; else it goes on where we give up."""
+    try:
+        entries = load_journal(journal)
+    except (FogbenchError, OSError):
+        entries = []
     safe = [entry["text"] for entry in entries if entry["kind"] == "safe"]
     if safe and not any(text.startswith(NOT_SAFE) for text in safe[-2:]):
         guardian.dismiss()
@@ -155,6 +204,10 @@ def _go_on(prepared: Prepared, station: Station, clock: Clock) -> Journal:
         raise BenchFailure(f"{prepared.folder}: its journal cannot be continued: {error}") from error
     dropped = f", {resumed.stop.dropped} rows of a broken-off acquisition dropped" if resumed.stop.dropped else ""
     text = f"attempt {resumed.attempt}, {resumed.stop.next_step} steps done{dropped}; the gap was {resumed.gap_s:.0f} s"
+    about: dict[str, Any] = {}
+    if resumed.missing is not None:
+        text = f"attempt {resumed.attempt}, only what is missing: {resumed.missing.text}"
+        about = {"missing": True, "points": {str(n): sorted(duts) for n, duts in resumed.missing.points.items()}}
     planned = prepared.checked.points
     journal.append(
         "resumed",
@@ -164,10 +217,14 @@ def _go_on(prepared: Prepared, station: Station, clock: Clock) -> Journal:
         attempt=resumed.attempt,
         utc=utc_now(),
         points_planned=planned,
+        records_planned=prepared.checked.records,
         procedure={"sha256": sha256(prepared.folder / "procedure.yaml")},
         bench={"sha256": sha256(prepared.folder / "bench.yaml")},
+        **about,
     )
     journal.append("identities", clock.now(), found=station.identities)
+    if resumed.missing is not None:
+        _journal_forecast(prepared, journal, clock)
     _take_note_of_guardian(prepared.folder, journal, clock)
     return journal
 
@@ -201,10 +258,14 @@ def _begin(prepared: Prepared, station: Station, clock: Clock) -> Journal:
     except OSError as error:
         raise BenchFailure(f"{folder}: the run folder could not be written: {error}. Nothing was started.") from error
     journal.append("identities", clock.now(), found=station.identities)
+    _journal_forecast(prepared, journal, clock)
+    return journal
+
+
+def _journal_forecast(prepared: Prepared, journal: Journal, clock: Clock) -> None:
     forecast = prepared.forecast
     ends_s = [round(end, 1) for end in forecast.ends_s]
     journal.append("forecast", clock.now(), duration_s=forecast.duration_s, failure=forecast.failure, ends_s=ends_s)
-    return journal
 
 
 def record_files(folder: Path, checked: Checked, kinds: Sequence[str] = ("procedure", "bench")) -> None:
@@ -219,25 +280,54 @@ def record_files(folder: Path, checked: Checked, kinds: Sequence[str] = ("proced
             copy_into(folder, f"{DECLARATIONS}/{path.name}", path)
 
 
+def _equipped(
+    prepared: Prepared, station: Station, clock: Clock, journal: Journal, store: RawStore, listener: Listener
+) -> Engine:
+    """The engine with what measures and records; of a run taken up for what it lacks, that alone."""
+    checked, resumed = prepared.checked, prepared.resumed
+    earth = earth_rate_dps(checked.bench.file.site.latitude_deg)
+    acquirer = RecordingAcquirer(checked.head.quality, earth, checked.head.raw, store)
+    if resumed:
+        acquirer.remember(finished_rows(load_journal(prepared.folder / "journal.jsonl")), checked.plan)
+    verbs = only_missing(STEPS, resumed.missing) if resumed and resumed.missing is not None else STEPS
+    engine = Engine(verbs, checked.bench, station, clock, journal, acquirer, listener)
+    engine.recorder = SeriesRecorder(checked.head.quality, store, frames_too=checked.head.raw == "frames")
+    return engine
+
+
+def _watched(engine: Engine, checked: Checked, control: Control) -> DutLinks:
+    """Have links and guards looked after and pauses kept; the links of the DUTs."""
+    plan, policy = checked.plan, checked.head.resume
+    links = DutLinks(checked.bench, engine.station, checked.bench.file.links)
+    links.attach(engine, pauser(control, plan, policy))
+    engine.on_link = CommandedLinks(checked.bench, plan, policy).restore
+    engine.on_trip = responder(guards_of(checked.bench.file.guards, checked.head.guards), plan, policy)
+    return links
+
+
+def _begun(engine: Engine, prepared: Prepared) -> Sequence[PlannedStep]:
+    """The bench under power, guarded and where the run stopped; the steps that are left."""
+    checked, resumed = prepared.checked, prepared.resumed
+    energise(engine.station, engine.clock)
+    engine.check_guards = checker(guards_of(checked.bench.file.guards, checked.head.guards))
+    if resumed is None:
+        return checked.plan
+    if resumed.missing is not None:
+        return steps_for(checked.plan, resumed.missing)
+    return reestablish(engine, checked.plan, resumed.stop, resumed.gap_s, checked.head.resume)
+
+
 def _execute(
     prepared: Prepared, station: Station, clock: Clock, journal: Journal, control: Control, listener: Listener
 ) -> FogbenchError | None:
     """Run the plan and leave the bench safe; how it failed, or None."""
-    checked, began = prepared.checked, stopwatch()
-    store = RawStore(prepared.folder / "raw")
-    earth = earth_rate_dps(checked.bench.file.site.latitude_deg)
-    acquirer = RecordingAcquirer(checked.head.quality, earth, checked.head.raw, store)
-    engine = Engine(STEPS, checked.bench, station, clock, journal, acquirer, listener)
+    began = stopwatch()
+    store = RawStore(prepared.folder / "raw", clock.stop.look)
+    engine = _equipped(prepared, station, clock, journal, store, listener)
+    links = _watched(engine, prepared.checked, control)
     failure: FogbenchError | None = None
     try:
-        energise(station, clock)
-        plan, policy = checked.plan, checked.head.resume
-        guards = guards_of(checked.bench.file.guards, checked.head.guards)
-        engine.before_step = pauser(control, plan, policy)
-        engine.check_guards, engine.on_trip = checker(guards), responder(guards, plan, policy)
-        if prepared.resumed:
-            plan = reestablish(engine, plan, prepared.resumed.stop, prepared.resumed.gap_s, policy)
-        engine.run(plan)
+        engine.run(_begun(engine, prepared))
     except Interrupted as error:
         failure = error
         journal.append("interrupted", clock.now(), text="asked to stop; bringing the bench to its safe state")
@@ -248,14 +338,15 @@ def _execute(
         clock.stop.forget()
         engine.check_guards = lambda engine: None
         unsafe = make_safe(engine)
+        clock.stop.safe = True
     try:
         store.close()
-    except BenchFailure as error:
+    except (BenchFailure, Interrupted) as error:
         failure = failure or error
         journal.append("error", clock.now(), text=str(error))
     if unsafe and failure is None:
         failure = BenchFailure("the bench could not be made safe")
-    losses = {name: asdict(gyro.losses) for name, gyro in station.gyros.items()}
+    losses = {name: asdict(counts) for name, counts in links.losses().items()}
     journal.append(
         "end",
         clock.now(),

@@ -23,7 +23,7 @@ def procedure_schema() -> Schema:
     _, collected = models_json_schema(models, by_alias=True)  # type: ignore[arg-type]
     definitions: Schema = collected["$defs"]
     definitions["Step"] = {"oneOf": [_step(verb, model.__name__) for verb, model in VERBS.items()]}
-    for name in ("Sweep", "Repeat", "ProcedureHead"):
+    for name in ("Sweep", "Repeat", "Record", "ProcedureHead"):
         definitions[name]["properties"]["steps"]["items"] = {"$ref": "#/$defs/Step"}
     head = definitions.pop("ProcedureHead")
     return _tidied({**head, "$schema": DIALECT, "title": "fogbench procedure", "$defs": definitions})

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
@@ -70,31 +71,55 @@ class Gyro(Protocol):
 
 @dataclass
 class Station:
-    """Opened drivers by role; `close` gives the ports back."""
+    """Opened drivers by role; `close` gives the ports back.
+
+    gyros: the DUTs that are listened to. absent: those that are lost for now. unheard: those that were allowed to be
+    absent from the beginning, and why they are. closers: by the instrument's name.
+    """
 
     chamber: Chamber | None = None
     table: RateTable | None = None
     gyros: dict[str, Gyro] = field(default_factory=dict)
+    absent: dict[str, Gyro] = field(default_factory=dict)
+    unheard: dict[str, str] = field(default_factory=dict)
     identities: dict[str, str] = field(default_factory=dict)
-    closers: list[Callable[[], None]] = field(default_factory=list)
+    closers: dict[str, Callable[[], None]] = field(default_factory=dict)
+
+    def drop(self, name: str) -> None:
+        """Go on without a DUT for good."""
+        self.gyros.pop(name, None)
+        self.absent.pop(name, None)
 
     def close(self) -> None:
         """Close every port; one that fails does not keep the others open."""
-        while self.closers:
-            try:
-                self.closers.pop()()
-            except (OSError, DriverError):
-                continue
+        for name in list(self.closers):
+            self.shut(name)
+
+    def shut(self, name: str) -> None:
+        """Give back the port of one instrument; no error if it is gone or was never open."""
+        with suppress(OSError, DriverError):
+            self.closers.pop(name, lambda: None)()
 
 
-def open_station(bench: Bench, clock: Clock) -> Station:
-    """Open all ports of a bench and hear from every instrument. Raises BenchFailure; nothing stays open then."""
+def open_station(
+    bench: Bench, clock: Clock, duts: Collection[str] | None = None, may_be_absent: Collection[str] = ()
+) -> Station:
+    """Open all ports of a bench and hear from every instrument. Raises BenchFailure; nothing stays open then.
+
+    `duts`, if given, are the only ones opened; of those in `may_be_absent` it is only noted why they are not heard.
+    """
     station = Station()
+    wanted = [item for item in bench.instruments if item.role != "dut" or duts is None or item.name in duts]
     try:
-        for instrument in bench.instruments:
-            _open(station, instrument, clock)
+        for instrument in wanted:
+            try:
+                _open(station, instrument, clock)
+            except DriverError as error:
+                if instrument.name not in may_be_absent:
+                    raise
+                station.unheard[instrument.name] = str(error)
         _identify(station, bench)
-        _hear_gyros(station, clock)
+        _hear_gyros(station, bench, clock, may_be_absent)
     except DriverError as error:
         station.close()
         raise BenchFailure(str(error)) from error
@@ -137,7 +162,8 @@ def check_reach(station: Station, plan: Sequence[PlannedStep]) -> None:
             )
 
 
-def _open(station: Station, instrument: Instrument, clock: Clock) -> None:
+def open_instrument(instrument: Instrument, clock: Clock) -> tuple[Any, Callable[[], None]]:
+    """The driver of an instrument on its port, and what gives the port back. Raises PortError."""
     settings, port = instrument.settings, instrument.port
     source: Any
     if instrument.role == "dut":
@@ -147,17 +173,34 @@ def _open(station: Station, instrument: Instrument, clock: Clock) -> None:
             source = open_can_source(bus, clock.now)
         else:
             source = open_byte_source(open_serial(port, settings.baud, 0.0), clock.now)
-        station.closers.append(source.close)
-        station.gyros[instrument.name] = instrument.driver_class(source, settings)
-        return
+        return instrument.driver_class(source, settings), source.close
     assert isinstance(port, str)
     opened = open_serial(port, settings.baud, settings.reply_timeout_s)
-    station.closers.append(opened.close)
-    driver = instrument.driver_class(opened, settings)
-    if instrument.role == "chamber":
+    return instrument.driver_class(opened, settings), opened.close
+
+
+def _open(station: Station, instrument: Instrument, clock: Clock) -> None:
+    driver, station.closers[instrument.name] = open_instrument(instrument, clock)
+    if instrument.role == "dut":
+        station.gyros[instrument.name] = driver
+    elif instrument.role == "chamber":
         station.chamber = driver
     else:
         station.table = driver
+
+
+def identify(driver: Chamber | RateTable, instrument: Instrument) -> str:
+    """Who an instrument says that it is. Raises DriverError, or BenchFailure if it is not who it should be."""
+    return _expected(driver.identify(), instrument)
+
+
+def _expected(found: str, instrument: Instrument) -> str:
+    if not instrument.is_it(found):
+        raise BenchFailure(
+            f"{instrument.where}: '{found}' answers, the bench file expects '{instrument.identity}'. Connect the right "
+            "instrument, or correct its 'identity:' in the bench file; it was not commanded."
+        )
+    return found
 
 
 def open_commanded(bench: Bench, clock: Clock) -> tuple[Station, list[str]]:
@@ -172,8 +215,8 @@ def open_commanded(bench: Bench, clock: Clock) -> tuple[Station, list[str]]:
                 _open(station, instrument, clock)
                 driver = station.chamber if instrument.role == "chamber" else station.table
                 assert driver is not None
-                driver.identify()
-            except DriverError as error:
+                identify(driver, instrument)
+            except (DriverError, BenchFailure) as error:
                 failures.append(str(error))
                 if instrument.role == "chamber":
                     station.chamber = None
@@ -184,12 +227,12 @@ def open_commanded(bench: Bench, clock: Clock) -> tuple[Station, list[str]]:
 
 def _identify(station: Station, bench: Bench) -> None:
     if station.chamber and bench.chamber:
-        station.identities[bench.chamber.name] = station.chamber.identify()
+        station.identities[bench.chamber.name] = identify(station.chamber, bench.chamber)
     if station.table and bench.rate_table:
-        station.identities[bench.rate_table.name] = station.table.identify()
+        station.identities[bench.rate_table.name] = identify(station.table, bench.rate_table)
 
 
-def _hear_gyros(station: Station, clock: Clock) -> None:
+def _hear_gyros(station: Station, bench: Bench, clock: Clock, may_be_absent: Collection[str]) -> None:
     """Listen to every DUT long enough to know that it sends valid frames at its declared rate."""
     for gyro in station.gyros.values():
         gyro.discard()
@@ -198,9 +241,15 @@ def _hear_gyros(station: Station, clock: Clock) -> None:
         clock.wait(LISTENING_PERIOD_S)
         for name, gyro in station.gyros.items():
             frames[name] += len(gyro.take())
-    for name, gyro in station.gyros.items():
+    for name, gyro in list(station.gyros.items()):
         heard = gyro.complaint() or ("" if frames[name] else "nothing valid was received")
         if heard:
             listened_s = LISTENING_PERIODS * LISTENING_PERIOD_S
-            raise BenchFailure(f"{name}: {gyro.describe()}: after {listened_s:g} s of listening: {heard}.")
-    station.identities.update({name: gyro.describe() for name, gyro in station.gyros.items()})
+            why = f"{name}: {gyro.describe()}: after {listened_s:g} s of listening: {heard}."
+            if name not in may_be_absent:
+                raise BenchFailure(why)
+            station.unheard[name] = why
+            del station.gyros[name]
+            station.shut(name)
+        else:
+            station.identities[name] = _expected(gyro.describe(), bench.duts[name])

@@ -11,6 +11,7 @@ from bench.journal import Entry, load_journal
 from bench.locks import run_is_held
 from bench.manifest import EVENT_KINDS, event_text, points_planned
 from bench.points import finished_rows
+from bench.replacement import left_to_measure, ranges
 
 LAST_EVENTS = 5
 
@@ -33,6 +34,7 @@ def status_of(folder: Path) -> dict[str, Any]:
         "points_measured": len({row["point"] for row in finished_rows(entries)}),
         "points_planned": points_planned(entries),
         "verdicts": {verdict: verdicts.count(verdict) for verdict in ("pass", "marginal", "fail")},
+        "missing": _missing(entries, state),
         "readbacks": {key: value for key, value in readback.items() if key not in ("n", "t_s", "kind")},
         "remaining_s": _remaining_s(entries, step) if state in ("running", "paused") else None,
         "events": [
@@ -41,6 +43,15 @@ def status_of(folder: Path) -> dict[str, Any]:
             if entry["kind"] in EVENT_KINDS
         ][-LAST_EVENTS:],
     }
+
+
+def _missing(entries: Sequence[Entry], state: str) -> dict[str, dict[str, str]]:
+    """Per DUT the points that the run has passed and that are not measured or failed; at its end, of all planned."""
+    rows = finished_rows(entries)
+    carried_out = state == "ended" and any(entry["kind"] == "end" and entry["failure"] is None for entry in entries)
+    passed = points_planned(entries) if carried_out else max((row["point"] for row in rows), default=0)
+    left = left_to_measure(rows, list(entries[0]["duts"]), passed)
+    return {dut: {why: ranges(points) for why, points in about.items() if points} for dut, about in left.items()}
 
 
 def _state(entries: Sequence[Entry], held: bool) -> str:
@@ -54,7 +65,7 @@ def _state(entries: Sequence[Entry], held: bool) -> str:
 
 def _remaining_s(entries: Sequence[Entry], step: Entry | None) -> float | None:
     """The ETA, from the rehearsal that was made before hour 0."""
-    rehearsed = next((entry for entry in entries if entry["kind"] == "forecast"), None)
+    rehearsed = next((entry for entry in reversed(entries) if entry["kind"] == "forecast"), None)
     if rehearsed is None or step is None or not rehearsed["ends_s"]:
         return None
     forecast = Forecast(tuple(rehearsed["ends_s"]), ({"t_s": rehearsed["duration_s"]},), None)

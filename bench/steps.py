@@ -22,6 +22,8 @@ from bench.units import format_duration
 
 # Table readbacks while waiting for a rate or a position: often enough to see the ringing of a servo (0.2-2 s).
 SETTLE_PERIOD_S = 0.25
+# How often all is read back and the guards are checked meanwhile: seldom enough that an ordinary settle is not delayed.
+SETTLE_GUARD_S = 5.0
 
 
 def set_temperature(engine: Engine, step: PlannedStep) -> None:
@@ -118,7 +120,7 @@ def _hold_in_band(
     engine: Engine, read: Callable[[], float], wanted: float, band: float, for_s: float, timeout_s: float
 ) -> float | None:
     """Wait until `read` has stayed within `band` for `for_s`; the last readback if that did not happen in time."""
-    began = engine.clock.now()
+    began = checked = engine.clock.now()
     inside_since: float | None = None
     while True:
         readback, now = read(), engine.clock.now()
@@ -130,6 +132,9 @@ def _hold_in_band(
             inside_since = None
         if now - began >= timeout_s:
             return readback
+        if now - checked >= SETTLE_GUARD_S:
+            engine.read_instruments()
+            checked = now
         engine.clock.wait(SETTLE_PERIOD_S)
 
 
@@ -139,6 +144,14 @@ def dwell(engine: Engine, step: PlannedStep) -> None:
 
 def acquire(engine: Engine, step: PlannedStep) -> None:
     engine.acquirer.acquire(engine, step)
+
+
+def record(engine: Engine, step: PlannedStep) -> None:
+    engine.recorder.begin(engine, step)
+
+
+def end_record(engine: Engine, step: PlannedStep) -> None:
+    engine.recorder.end(engine)
 
 
 def note(engine: Engine, step: PlannedStep) -> None:
@@ -173,6 +186,8 @@ STEPS: dict[str, Callable[[Engine, PlannedStep], None]] = {
         go_to_position,
         dwell,
         acquire,
+        record,
+        end_record,
         note,
     )
 }

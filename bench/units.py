@@ -139,3 +139,12 @@ def format_duration(seconds: float) -> str:
     minutes, secs = divmod(rest, 60)
     parts = [(days, "d"), (hours, "h"), (minutes, "min")] + ([(secs, "s")] if not days and not hours else [])
     return " ".join(f"{number} {unit}" for number, unit in parts if number)
+
+
+def counted(count: int, what: str) -> str:
+    """A count with its noun.
+
+    >>> counted(1, "point"), counted(703, "point")
+    ('1 point', '703 points')
+    """
+    return f"{count} {what}{'' if count == 1 else 's'}"

@@ -22,7 +22,8 @@ from bench.procedure.language import SHORT_FORM, VERBS, ProcedureHead
 from bench.units import DIMENSIONS, split_suffix
 from simulated_hw.faults.kinds import FAULTS, faults_of
 from simulated_hw.faults.script import Condition, Script
-from simulated_hw.physics.gyro_parameters import GYRO_CLASSES, GyroParameters
+from simulated_hw.physics.gyro_classes import GYRO_CLASSES
+from simulated_hw.physics.gyro_parameters import GyroParameters
 from simulated_hw.physics.parameters import ChamberParameters, TableParameters
 
 HERE = Path(__file__).resolve().parent / "reference"

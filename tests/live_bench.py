@@ -4,8 +4,10 @@ from contextlib import ExitStack
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from types import TracebackType
+from typing import Any
 
 from simulated_hw import live
+from simulated_hw.wire import switchboard
 from simulated_hw.world import WorldSpec
 
 
@@ -30,6 +32,15 @@ class LiveBench:
     def unplug(self, name: str) -> None:
         """Take the far end of a port away, as pulling a USB adapter does."""
         self._live.unplug(self._addresses[name])
+
+    def replug(self, name: str) -> None:
+        """Put it in again, under the same name."""
+        self._live.plug(self._addresses[name])
+
+    def tell(self, name: str, data: bytes) -> None:
+        """Have an instrument hear these bytes from somebody else, as its front panel would have it do something."""
+        instrument: Any = switchboard.find(self._addresses[name])
+        instrument.receive(data, self._live.world.env.now)
 
     def __enter__(self) -> "LiveBench":
         self._served.enter_context(self._live)

@@ -73,6 +73,7 @@ def _summary(path: Path, bench_path: Path, checked: Checked) -> dict[str, Any]:
         "steps": len(checked.plan),
         "points": checked.points,
         "duts": len(checked.bench.duts),
+        "identities": {item.name: item.identity for item in checked.bench.instruments if item.identity},
         "duration_s": checked.duration_s,
         "disk_bytes": checked.disk_bytes,
     }
@@ -86,5 +87,11 @@ def _line(path: Path, checked: Checked) -> str:
     return (
         f"{path}: ok on {checked.bench.file.bench} ({kind} bench): {len(checked.plan)} steps, {checked.points} points "
         f"of {duts} DUT{'s' if duts != 1 else ''}, about {format_duration(checked.duration_s)}, "
-        f"{checked.disk_bytes / 1e6:.0f} MB on disk, all setpoints within limits"
+        f"{checked.disk_bytes / 1e6:.0f} MB on disk, all setpoints within limits{_expected(checked)}"
     )
+
+
+def _expected(checked: Checked) -> str:
+    """Who the instruments have to say that they are before a run begins."""
+    named = [f"{item.name} '{item.identity}'" for item in checked.bench.instruments if item.identity]
+    return f"; expected are {', '.join(named)}" if named else ""

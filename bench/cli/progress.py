@@ -33,7 +33,7 @@ class ProgressPrinter:
         checked, forecast = self._prepared.checked, self._prepared.forecast
         kind = "VIRTUAL bench" if checked.bench.virtual else "bench"
         self._line(
-            f"{checked.head.procedure} on {kind} {checked.bench.file.bench}: {checked.points} points of "
+            f"{checked.head.procedure} on {kind} {checked.bench.file.bench}: {checked.content} of "
             f"{len(checked.bench.duts)} DUTs, {format_duration(forecast.duration_s)} by rehearsal"
         )
         for text in [*forecast.warnings, *([forecast.failure] if forecast.failure else [])]:

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from bench.analysis import Judged
+from bench.analyses.context import Judged
 from bench.cli.options import table
+from bench.quantities import shown
 
 SPLITS = (("random", "random split"), ("leave_temperatures_out", "temperatures left out"))
 
@@ -32,7 +33,9 @@ def limits_table(limits: Sequence[Judged]) -> str:
     """Each limit, what was measured, pass or fail."""
     rows = []
     for item in limits:
-        measured = ", ".join(f"{dut} {'–' if v is None else format(v, '.4g')}" for dut, v in item.measured.items())
-        what = f"{item.model}, {item.split}: {item.quantity}"
-        rows.append([what, f"{item.limit:g}", measured, "pass" if item.passed else "FAIL"])
+        as_shown = shown(item.quantity, item.limit)
+        values = {dut: "–" if v is None else f"{v * as_shown.factor:.4g}" for dut, v in item.measured.items()}
+        what = f"{item.model}, {item.split.replace('_', ' ')}: {as_shown.words}"
+        measured = ", ".join(f"{dut} {value}" for dut, value in values.items())
+        rows.append([what, as_shown.text(item.limit), measured, "pass" if item.passed else "FAIL"])
     return table(rows, ["limit", "at most", "measured", "judged"])

@@ -17,15 +17,23 @@ from bench.cli.options import json_option, junit_option, results_option
     type=click.Choice(["procedure", "bench"]),
     help="Go on with a file that changed since the run began, if only steps not yet run change.",
 )
+@click.option(
+    "--missing",
+    is_flag=True,
+    help="Of a run that came to its end, measure what it lacks: points of a DUT that was lost, points that failed.",
+)
 @results_option
 @json_option
 @junit_option
-def command(run: str, accept: tuple[str, ...], results: Path, as_json: bool, junit: Path | None) -> None:
+def command(run: str, accept: tuple[str, ...], missing: bool, results: Path, as_json: bool, junit: Path | None) -> None:
     """Take RUN up again after an abort, a failure, a crash or a power cut.
 
     Finished points are kept and never measured again; an acquisition that was broken off is dropped. The bench is
     brought back to its setpoints; a soak goes on only if the gap was short and the DUTs stayed as warm as they were
     (the procedure's resume: block), else it starts over.
+
+    With --missing only the temperatures and rates are visited where a DUT lacks a point, and only such DUTs are
+    connected to. A point measured anew replaces one that failed; points that did not fail are never measured twice.
     """
     from bench.cli.run import carry_out
     from bench.junit import junit_file
@@ -33,4 +41,4 @@ def command(run: str, accept: tuple[str, ...], results: Path, as_json: bool, jun
     from bench.runfolder import find_run
 
     with junit_file(junit, Path(run).name) as file:
-        carry_out(prepare_resume(find_run(run, results), accept), as_json, file)
+        carry_out(prepare_resume(find_run(run, results), accept, missing), as_json, file)

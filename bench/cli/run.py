@@ -45,7 +45,7 @@ def command(
     as_json: bool,
     junit: Path | None,
 ) -> None:
-    """Run PROCEDURE on a bench: measure, fit, report. The first Ctrl-C ends it in order and leaves the bench safe."""
+    """Run PROCEDURE on a bench: measure, fit, report. Ctrl-C ends it in order, safe; a second one at once, safe too."""
     from bench.junit import junit_file
     from bench.overrides import parse_overrides
     from bench.run import RunRequest, prepare
@@ -74,10 +74,20 @@ def carry_out(prepared: Prepared, as_json: bool, junit: JUnitFile) -> None:
 
 
 def _stop_on_signals(stop: StopRequest) -> None:
-    """First Ctrl-C, SIGTERM or SIGHUP asks for an orderly end; a second Ctrl-C interrupts at once."""
+    """First Ctrl-C, SIGTERM or SIGHUP asks for an orderly end; a later Ctrl-C for one at once, safe all the same.
+
+    No signal interrupts the making-safe itself, however often it comes. Once that is over Ctrl-C ends the process: what
+    is left to write can be written by a resume.
+    """
+    asked: list[int] = []
 
     def ask(number: int, frame: Any) -> None:
-        signal.signal(signal.SIGINT, signal.default_int_handler)
+        if number == signal.SIGINT and stop.over:
+            raise KeyboardInterrupt
+        # A closing session may send several signals at once: only a person at the keyboard is in a hurry.
+        if number == signal.SIGINT and asked:
+            stop.hurry()
+        asked.append(number)
         stop.ask()
 
     # SIGHUP: a terminal that was closed or a dropped remote login must not leave the table turning.
@@ -118,7 +128,15 @@ def show(end: RunEnd) -> None:
     )
     click.echo(
         f"\n{click.style(end.outcome, fg=colour, bold=True)}: {end.message}\n"
-        f"{manifest['points_measured']} of {manifest['points_planned']} points, "
+        f"{_measured(manifest)}, "
         f"{format_duration(manifest['duration_s'])} of bench time in {wall_s:.1f} s{ratio}\n"
         f"report: {end.folder / 'report.html'}"
     )
+
+
+def _measured(manifest: dict[str, Any]) -> str:
+    """How much of the plan was measured, in words."""
+    made = len({one["record"] for one in manifest["series"]})
+    counts = [("points", manifest["points_measured"], manifest["points_planned"])]
+    counts.append(("records", made, manifest["records_planned"]))
+    return ", ".join(f"{done} of {planned} {what}" for what, done, planned in counts if planned) or "nothing to measure"

@@ -49,6 +49,11 @@ def _text(status: dict[str, Any]) -> str:
         lines.append(f"  step {step['step']} {step['verb']} ({step['at']})")
     readbacks = ", ".join(f"{key} {value}" for key, value in status["readbacks"].items() if value is not None)
     lines += [f"  {readbacks}"] if readbacks else []
+    for dut, left in status["missing"].items():
+        texts = [f"{why.replace('_', ' ')} {points}" for why, points in left.items()]
+        lines.append(f"  {dut}: points {', '.join(texts)}")
+    if status["missing"] and status["state"] == "ended":
+        lines.append(f"  they are measured by: fogbench resume {status['run_id']} --missing")
     if status["remaining_s"] is not None:
         lines.append(f"  ETA {format_duration(status['remaining_s'])}")
     lines += [f"  {format_duration(e['t_s'])}: {e['kind']}: {e['text']}" for e in status["events"]]

@@ -11,6 +11,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, model_validator
 
 from bench.fields import Quantity, YamlMapping
+from bench.procedure.analyses import Analysis, CalibrationAnalysis, CycleAnalysis, NorthAnalysis
 
 Time = Annotated[float, Quantity("s")]
 Temperature = Annotated[float, Quantity("degc")]
@@ -192,6 +193,23 @@ class Repeat(YamlMapping):
     steps: list[Any] = Field(min_length=1)
 
 
+class Record(YamlMapping):
+    """Keep a time series of every DUT while the steps run: one row every `every`, the means of its frames.
+
+    For what changes while it is measured: thermal cycles, ramps, long records at rest. A record is one measurement: one
+    that is broken off begins again from its first step when the run is resumed, and a pause waits for its end. The
+    second record of the same name is called name-2, and so on.
+    """
+
+    name: Name
+    every_s: Time = Field(gt=0)
+    steps: list[Any] = Field(min_length=1)
+
+
+class EndRecord(YamlMapping):
+    """The end of a record's steps; part of a plan, never written in a procedure."""
+
+
 class Include(YamlMapping):
     """Run the `steps` of another file; its path is relative to the including file."""
 
@@ -215,9 +233,13 @@ VERBS: dict[str, type[YamlMapping]] = {
     "acquire": Acquire,
     "sweep": Sweep,
     "repeat": Repeat,
+    "record": Record,
     "include": Include,
     "note": Note,
 }
+
+# Verbs with steps of their own.
+BLOCKS = ("sweep", "repeat", "record")
 
 # The one value a verb needs most, so that 'set_rate: 10 deg/s' may be written for 'set_rate: {to: 10 deg/s}'.
 SHORT_FORM = {
@@ -256,30 +278,54 @@ class Limits(YamlMapping):
 class Quality(YamlMapping):
     """When a point passes, is marginal (up to `fail_at` times the limit) or fails.
 
-    A point that failed is measured again at once, up to `repeats` times; what stays bad is marked and never fitted.
+    `lost` is the share of frames that may be missing, invalid by their status, or repeated by a frozen output (each);
+    `spikes` that of frames left out for being far off, `outliers` that of samples. `slope` limits the DUT's temperature
+    slope. The table's measured rate: `rate_band` for the mean of its readbacks during the acquisition, `rate_worst` for
+    each of them. `noise_ratio` compares the standard deviation of the samples with the median of the DUT's own points
+    before at a comparable rate, from `noise_history` such points on. A point that failed is measured again at once, up
+    to `repeats` times; what stays bad is marked and never fitted.
     """
 
     lost_ppm: Ratio = Field(default=1000.0, ge=0)
+    spikes_ppm: Ratio = Field(default=1000.0, ge=0)
     outliers_ppm: Ratio = Field(default=5000.0, ge=0)
     slope_degc_min: Slope = Field(default=0.05, gt=0)
     rate_band_dps: Rate = Field(default=0.02, gt=0)
+    rate_worst_dps: Rate = Field(default=0.1, gt=0)
+    noise_ratio: float = Field(default=2.0, gt=1)
+    noise_history: int = Field(default=5, ge=2, le=1000)
     fail_at: float = Field(default=5.0, ge=1)
     repeats: int = Field(default=1, ge=0, le=20)
 
 
 class Guard(YamlMapping):
-    """A condition that must hold while the run is under way, checked at every step and every readback.
+    """A condition that must hold while the run is under way: checked before the first step, on entry to every step, at
+    every readback, and every few seconds while the table moves.
 
-    `watch` names what is watched: a temperature with its allowed range `inside`, the table's measured rate with
-    `max_rate`, or what chamber and table report of themselves. A DUT that is silent has tripped its guard. `action`:
-    hold (the table rests until all is clear for `clear_for`, at most `timeout`, then the bench is brought back),
-    drop (that DUT) or abort.
+    `watch` names what is watched: a temperature with its allowed range `inside`; the table's measured rate with
+    `max_rate`; what chamber and table report of themselves; the chamber's door; or the samples of every DUT, of which
+    the share `lost` may be missing or invalid within the time `over`, and whose output may not stay the same for that
+    long. A guard that lost its signal has tripped: a DUT that is silent, a chamber or table that could not be read for
+    `lost_after`, a chamber that does not tell about its door. `action`: hold (the table rests until all is clear for
+    `clear_for`, at most `timeout`, then the bench is brought back, with a new soak if the DUTs did not stay as warm),
+    drop (that DUT; the others go on) or abort. Of several at once, abort comes first; DUTs are dropped, then it holds.
     """
 
     name: Name
-    watch: Literal["chamber_temperature", "dut_temperature", "rate", "chamber_alarm", "table_fault"]
+    watch: Literal[
+        "chamber_temperature",
+        "dut_temperature",
+        "rate",
+        "chamber_alarm",
+        "table_fault",
+        "chamber_door",
+        "sample_quality",
+    ]
     inside: Band | None = None
     max_rate_dps: Rate | None = Field(default=None, gt=0)
+    lost_ppm: Ratio | None = Field(default=None, ge=0)
+    over_s: Time = Field(default=60.0, gt=0)
+    lost_after_s: Time = Field(default=600.0, gt=0)
     action: Literal["hold", "drop", "abort"] = "abort"
     clear_for_s: Time = Field(default=60.0, ge=0)
     timeout_s: Time = Field(default=7200.0, gt=0)
@@ -292,8 +338,12 @@ class Guard(YamlMapping):
             )
         if (self.watch == "rate") != (self.max_rate_dps is not None):
             raise ValueError("a guard on the rate, and only that, has 'max_rate', e.g. max_rate: 200 deg/s")
-        if self.action == "drop" and self.watch != "dut_temperature":
-            raise ValueError("only a guard on dut_temperature can drop a DUT; use hold or abort")
+        if (self.watch == "sample_quality") != (self.lost_ppm is not None):
+            raise ValueError("a guard on sample_quality, and only that, has 'lost', e.g. lost: 1 %")
+        if "over_s" in self.model_fields_set and self.watch != "sample_quality":
+            raise ValueError("'over' belongs to a guard on sample_quality")
+        if self.action == "drop" and self.watch not in ("dut_temperature", "sample_quality"):
+            raise ValueError("only a guard on dut_temperature or sample_quality can drop a DUT; use hold or abort")
         return self
 
 
@@ -304,73 +354,12 @@ class ResumePolicy(YamlMapping):
     band_k: Kelvin = Field(default=0.5, gt=0)
 
 
-class RandomSplit(YamlMapping):
-    """Rows drawn at random for training: a number of rows, or a share of them."""
-
-    train: int | None = Field(default=None, gt=0)
-    share: float | None = Field(default=None, gt=0, lt=1)
-    seed: int = 0
-
-    @model_validator(mode="after")
-    def _one_of_both(self) -> RandomSplit:
-        if (self.train is None) == (self.share is None):
-            raise ValueError("a random split needs either 'train' (rows) or 'share', e.g. train: 448")
-        return self
-
-
-class LeaveTemperaturesOut(YamlMapping):
-    """Whole temperature dwells held back, in so many folds; each row is judged once."""
-
-    folds: int = Field(default=6, ge=2)
-
-
-class Splits(YamlMapping):
-    """How held-back points are chosen; both are reported."""
-
-    random: RandomSplit = Field(default_factory=lambda: RandomSplit.model_validate({"share": 0.69}))
-    leave_temperatures_out: LeaveTemperaturesOut = Field(default_factory=LeaveTemperaturesOut)
-
-
-class AnalysisLimit(YamlMapping):
-    """A limit on the held-back error of a model; an unmeasured figure does not pass."""
-
-    model: Name
-    split: Literal["random", "leave_temperatures_out"] = "leave_temperatures_out"
-    max_abs_dps: Rate | None = Field(default=None, gt=0)
-    std_dps: Rate | None = Field(default=None, gt=0)
-
-    @model_validator(mode="after")
-    def _something_to_judge(self) -> AnalysisLimit:
-        if self.max_abs_dps is None and self.std_dps is None:
-            raise ValueError("a limit needs 'max_abs' or 'std', e.g. std: 0.03 deg/s")
-        return self
-
-
-class Analysis(YamlMapping):
-    """What is fitted to the points after the run, and what it must reach.
-
-    `inputs` are the model's: a temperature (the DUT's own sensor, or the chamber's readback) and the DUT's output rate.
-    """
-
-    models: list[Name] = Field(min_length=1)
-    inputs: list[Literal["dut_temperature", "chamber_temperature", "rate"]] = Field(
-        default=["dut_temperature", "rate"], min_length=2, max_length=2
-    )
-    splits: Splits = Field(default_factory=Splits)
-    limits: list[AnalysisLimit] = Field(default_factory=list)
-    seed: int = 0
-
-    @model_validator(mode="after")
-    def _a_temperature_and_the_rate(self) -> Analysis:
-        if self.inputs[0] == "rate" or self.inputs[1] != "rate":
-            raise ValueError("'inputs' are a temperature and the rate, e.g. inputs: [dut_temperature, rate]")
-        return self
-
-
 class ProcedureHead(YamlMapping):
     """A procedure: what to do, in steps, and how to judge the result.
 
-    `experiment` names a published experiment whose figures the report sets beside ours; so far there is `ts`.
+    `experiment` names a published experiment, whose figures the report sets beside ours. After the run `analysis` is
+    done with the points, `cycles` with records of thermal cycles, `north` with records of a north seeker, `calibration`
+    with both points and records.
     """
 
     procedure: Name
@@ -384,3 +373,6 @@ class ProcedureHead(YamlMapping):
     guards: list[Guard] = Field(default_factory=list)
     steps: list[Any] = Field(min_length=1)
     analysis: Analysis | None = None
+    cycles: CycleAnalysis | None = None
+    north: NorthAnalysis | None = None
+    calibration: CalibrationAnalysis | None = None

@@ -9,7 +9,7 @@ from typing import Any
 
 from bench.errors import InvalidFiles, Mark, Problem, did_you_mean
 from bench.fields import YamlMapping, validate
-from bench.procedure.language import SHORT_FORM, VERBS, Include, ProcedureHead
+from bench.procedure.language import BLOCKS, SHORT_FORM, VERBS, Include, ProcedureHead
 from bench.yamlfile import Document, Path_, load_yaml
 
 MAX_INCLUDE_DEPTH = 8
@@ -86,7 +86,7 @@ class _Reader:
             return None
         args = self._arguments(document, here, verb, item[verb])
         children: tuple[StepNode, ...] = ()
-        if verb in ("sweep", "repeat") and isinstance(item[verb], dict):
+        if verb in BLOCKS and isinstance(item[verb], dict):
             children = tuple(self.steps(document, (*here, "steps"), folder, depth))
         if isinstance(args, Include) and self._follow_includes:
             children = self._include(document, here, folder / args.file, depth)

@@ -12,10 +12,12 @@ from bench.errors import Mark, Problem
 from bench.fields import YamlMapping
 from bench.procedure.language import (
     Acquire,
+    EndRecord,
     GoToPosition,
     PositionRange,
     RampTemperature,
     RateRange,
+    Record,
     Repeat,
     SetRate,
     SetTemperature,
@@ -35,6 +37,8 @@ class PlannedStep:
     """One step of the plan, with the conditions that hold when it begins.
 
     `dwell` counts the temperatures visited (0 before the first), `point` the acquisitions (None for other verbs).
+    `record` is the label of the record a step begins, ends or is inside of, `record_step` the number of the step that
+    begins it.
     """
 
     number: int
@@ -45,6 +49,9 @@ class PlannedStep:
     temperature_degc: float | None
     rate_dps: float | None
     point: int | None = None
+    position_deg: float | None = None
+    record: str | None = None
+    record_step: int | None = None
 
 
 @dataclass
@@ -56,6 +63,10 @@ class _State:
     dwell: int = 0
     points: int = 0
     visited: int = 0
+    position_deg: float | None = None
+    record: str | None = None
+    record_step: int | None = None
+    labels: dict[str, int] = field(default_factory=dict)
     entered: dict[int, int] = field(default_factory=dict)
     malformed: set[int] = field(default_factory=set)
 
@@ -64,17 +75,40 @@ class _State:
             self.temperature_degc = args.to_degc
             self.dwell += 1
         elif isinstance(args, SetRate):
-            self.rate_dps = args.to_dps
+            self.rate_dps, self.position_deg = args.to_dps, None
         elif isinstance(args, GoToPosition):
-            self.rate_dps = 0.0
+            self.rate_dps, self.position_deg = 0.0, args.to_deg
+        elif isinstance(args, Record):
+            self.record, self.record_step = self._label(args.name), len(self.plan) + 1
         point = None
         if isinstance(args, Acquire):
             self.points += 1
             point = self.points
         step = PlannedStep(
-            len(self.plan) + 1, verb, args, mark, self.dwell, self.temperature_degc, self.rate_dps, point
+            len(self.plan) + 1,
+            verb,
+            args,
+            mark,
+            self.dwell,
+            self.temperature_degc,
+            self.rate_dps,
+            point,
+            self.position_deg,
+            self.record,
+            self.record_step,
         )
         self.plan.append(step)
+        if isinstance(args, EndRecord):
+            self.record = self.record_step = None
+
+    def _label(self, name: str) -> str:
+        """The name of a record; from the second of its name on with a number."""
+        count = self.labels.get(name, 0) + 1
+        while (label := name if count == 1 else f"{name}-{count}") in self.labels and count > 1:
+            count += 1
+        self.labels[name] = count
+        self.labels.setdefault(label, 1)
+        return label
 
 
 class _TooLong(Exception):
@@ -103,10 +137,21 @@ def _expand(steps: Sequence[StepNode], state: _State) -> None:
         elif isinstance(node.args, Repeat):
             for _ in range(node.args.times if node.children else 0):
                 _expand(node.children, state)
+        elif isinstance(node.args, Record):
+            _expand_record(node, node.args, state)
         elif node.verb == "include":
             _expand(node.children, state)
         else:
             state.add(node.verb, node.args, node.mark)
+
+
+def _expand_record(node: StepNode, record: Record, state: _State) -> None:
+    if state.record is not None:
+        state.problems.append(Problem(node.mark, "a record inside a record. Give the outer one the shorter 'every'."))
+        return
+    state.add("record", record, node.mark)
+    _expand(node.children, state)
+    state.add("end_record", EndRecord(), node.mark)
 
 
 def _expand_sweep(node: StepNode, sweep: Sweep, state: _State) -> None:

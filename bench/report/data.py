@@ -115,7 +115,16 @@ def read_run(run_dir: Path, load_model: ModelLoader | None = None) -> ReportData
     metrics = _json(run_dir / "metrics.json", notes) if fitted else {}
     held_out = read_held_out(run_dir, notes) if fitted else None
     duts = tuple(
-        _dut(run_dir, name, points, metrics.get(name), held_out, load_model or load_saved_model, notes)
+        _dut(
+            run_dir,
+            name,
+            points,
+            metrics.get(name),
+            held_out,
+            load_model or load_saved_model,
+            notes,
+            manifest.points_planned,
+        )
         for name in dict.fromkeys([*manifest.duts, *points["dut"]])
     )
     _note_unfitted(duts, notes)
@@ -178,6 +187,7 @@ def _dut(
     held_out: pd.DataFrame | None,
     load_model: ModelLoader,
     notes: list[str],
+    points_planned: int | None,
 ) -> DutData:
     own = points[points["dut"] == name].reset_index(drop=True)
     own["error_dps"] = own["rate_mean_dps"] - own["rate_reference_dps"]
@@ -186,7 +196,7 @@ def _dut(
     own["residual_dps"] = math.nan
     models = run_dir / "models" / name
     dut = DutData(name, own, _figures_of_merit(metrics), *_best_model(_figures_of_merit(metrics), models))
-    if own.empty:
+    if own.empty and points_planned != 0:
         notes.append(f"{name}: no point was measured.")
     if own.empty or dut.model is None:
         return dut

@@ -65,14 +65,22 @@ class Manifest:
     wall_s: float | None = None
     points_planned: int | None = None
     points_measured: int | None = None
+    records_planned: int | None = None
+    series: tuple[Mapping[str, Any], ...] = ()
     limits: tuple[LimitCheck, ...] = ()
     files: Mapping[str, str] = field(default_factory=dict)
     duts: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     identities: Mapping[str, str] = field(default_factory=dict)
     data_quality: Mapping[str, Mapping[str, float | None]] = field(default_factory=dict)
+    raw_queue: Mapping[str, float | None] = field(default_factory=dict)
     events: tuple[Event, ...] = ()
     message: str = ""
     notes: tuple[str, ...] = ()
+
+    @property
+    def records_made(self) -> int:
+        """Records that were finished."""
+        return len({_text(one.get("label")) for one in self.series})
 
     @classmethod
     def from_mapping(cls, raw: Mapping[str, Any], run_id: str) -> Manifest:
@@ -94,11 +102,14 @@ class Manifest:
             wall_s=_number(raw.get("wall_s")),
             points_planned=_whole(raw.get("points_planned")),
             points_measured=_whole(raw.get("points_measured")),
+            records_planned=_whole(raw.get("records_planned")),
+            series=tuple(_mappings(raw.get("series"))),
             limits=tuple(_limit(item) for item in _mappings(raw.get("limits"))),
             files=_texts(raw.get("files")),
             duts={str(dut): _texts(item) for dut, item in _mapping(raw.get("duts")).items()},
             identities=_texts(raw.get("identities")),
             data_quality={str(dut): _numbers(item) for dut, item in _mapping(raw.get("data_quality")).items()},
+            raw_queue=_numbers(raw.get("raw_queue")),
             events=tuple(_event(item) for item in _mappings(raw.get("events"))),
             message=_text(raw.get("message")).strip(),
             notes=tuple(dict.fromkeys(note for note in _lines(raw.get("notes")) if note)),

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import count
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from bench.report import (
     figures,
@@ -24,7 +25,11 @@ from bench.report.data import DutData, ReportData, read_run
 from bench.report.formats import count as counted
 from bench.report.formats import duration, listed, ratio
 from bench.report.residuals import ModelLoader
+from bench.report.sections import Section, sections
 from bench.runfolder import write_atomic
+
+if TYPE_CHECKING:
+    from jinja2 import Environment
 
 REPORT_NAME = "report.html"
 
@@ -54,39 +59,70 @@ def write_report(run_dir: Path, load_model: ModelLoader | None = None) -> Path:
 
 def render(data: ReportData) -> str:
     """The whole report as one HTML text; the same data give the same text."""
+    grid = bool(data.manifest.points_planned) or any(len(dut.points) for dut in data.duts)
+    with figures.style():
+        extra = sections(data)
+        pictures = [_pictures(dut, number) for number, dut in enumerate(data.duts)]
+        campaign = [figure for figure in (figures_campaign.timeline(data), figures_campaign.one_dwell(data)) if figure]
+    return (
+        environment()
+        .get_template("report.html.j2")
+        .render(
+            run=data,
+            manifest=data.manifest,
+            remarks=remarks,
+            speed=ratio(data.manifest.duration_s, data.manifest.wall_s),
+            started=tables_reference.started_words(data.manifest.started_utc),
+            headlines=[line for line in map(tables.headline, data.duts) if line],
+            duts=list(zip(data.duts, pictures, strict=True)),
+            campaign=campaign,
+            scores=[drawn.scores for drawn in pictures if drawn.scores],
+            score_words=listed(
+                [f"DUT {dut.name}" for dut, drawn in zip(data.duts, pictures, strict=True) if drawn.scores]
+            ),
+            tables=tables,
+            quality=tables_quality,
+            reference=tables_reference,
+            published=published,
+            terms=wording.TERMS,
+            model_name=wording.model_name,
+            grid=grid,
+            sections=extra,
+            contents=_contents(extra, grid),
+            section_numbers=count(1),
+            figure_numbers=count(1),
+            table_numbers=count(1),
+        )
+    )
+
+
+def environment() -> Environment:
+    """The templates, with the filters they use."""
     import jinja2
 
-    environment = jinja2.Environment(
+    made = jinja2.Environment(
         loader=jinja2.PackageLoader("bench.report"),
         autoescape=True,
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters.update(duration=duration, count=counted, next=next)
-    with figures.style():
-        pictures = [_pictures(dut, number) for number, dut in enumerate(data.duts)]
-        campaign = [figure for figure in (figures_campaign.timeline(data), figures_campaign.one_dwell(data)) if figure]
-    return environment.get_template("report.html.j2").render(
-        run=data,
-        manifest=data.manifest,
-        remarks=remarks,
-        speed=ratio(data.manifest.duration_s, data.manifest.wall_s),
-        started=tables_reference.started_words(data.manifest.started_utc),
-        headlines=[line for line in map(tables.headline, data.duts) if line],
-        duts=list(zip(data.duts, pictures, strict=True)),
-        campaign=campaign,
-        scores=[drawn.scores for drawn in pictures if drawn.scores],
-        score_words=listed([f"DUT {dut.name}" for dut, drawn in zip(data.duts, pictures, strict=True) if drawn.scores]),
-        tables=tables,
-        quality=tables_quality,
-        reference=tables_reference,
-        published=published,
-        terms=wording.TERMS,
-        model_name=wording.model_name,
-        figure_numbers=count(1),
-        table_numbers=count(1),
-    )
+    made.filters.update(duration=duration, count=counted, next=next)
+    return made
+
+
+def _contents(extra: Sequence[Section], grid: bool) -> list[tuple[str, str]]:
+    """Anchor and title of every section of the page, in order."""
+    of_grid = [("surface", "Error surface"), ("residuals", "Residuals"), ("published", "Published figures")]
+    return [
+        *([("result", "Result")] if grid or not extra else ()),
+        ("campaign", "Campaign"),
+        *((section.anchor, section.short) for section in extra),
+        *(of_grid if grid else ()),
+        ("quality", "Data quality"),
+        ("provenance", "Provenance"),
+        ("glossary", "Words"),
+    ]
 
 
 def _pictures(dut: DutData, number: int) -> DutPictures:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import pandas as pd
 
+from bench.quantities import shown
 from bench.report.data import HELD_BACK_SPLIT, UNCOMPENSATED, DutData, ReportData
 from bench.report.formats import MISSING, count, decimals_missing, fixed, ratio, setpoint, significant, unbroken
 from bench.report.manifest import LimitCheck, Manifest
@@ -159,20 +160,23 @@ def limits(manifest: Manifest) -> Table | None:
     if not manifest.limits:
         return None
     duts = list(dict.fromkeys(dut for check in manifest.limits for dut in check.measured))
-    columns = [Column("Limit on", numeric=False), Column("allowed, °/s")]
-    columns += [*(Column(f"{unbroken(dut)}, °/s") for dut in duts), Column("", numeric=False)]
+    columns = [Column("Limit on", numeric=False), Column("Unit", numeric=False), Column("allowed")]
+    columns += [*(Column(unbroken(dut)) for dut in duts), Column("", numeric=False)]
     rows: list[list[str | Cell]] = []
     for check in manifest.limits:
         what = f"{quantity_name(check.quantity)}, {model_name(check.model)}, {split_name(check.split)}"
         measured = [_against_limit(check, dut) for dut in duts]
-        rows.append([what, f"≤ {setpoint(check.limit)}", *measured, _judgement(check)])
+        as_shown = shown(check.quantity, check.limit)
+        allowed = MISSING if check.limit is None else f"≤ {setpoint(check.limit * as_shown.factor)}"
+        rows.append([what, as_shown.unit.replace("deg", "°"), allowed, *measured, _judgement(check)])
     return table("Limits of the procedure. A quantity that was not measured is not passed.", columns, rows)
 
 
 def _against_limit(check: LimitCheck, dut: str) -> Cell:
     value = check.measured.get(dut)
     over = value is not None and check.limit is not None and abs(value) > check.limit
-    return Cell(significant(value), kind="bad" if over else "")
+    factor = shown(check.quantity, check.limit).factor
+    return Cell(significant(None if value is None else value * factor), kind="bad" if over else "")
 
 
 def _judgement(check: LimitCheck) -> Cell:

@@ -29,16 +29,19 @@ def quality(data: ReportData) -> Table:
         ("resynchronisations", lambda dut: _stream(data, dut, "resyncs", "resyncs")),
         ("bytes skipped by them", lambda dut: _stream(data, dut, "skipped_bytes", "skipped_bytes")),
         ("frames lost inside points", lambda dut: count(float(dut.points["frames_lost"].sum()))),
-        ("outliers taken out", lambda dut: count(float(dut.points["outliers"].sum()))),
+        ("frames of a frozen output", lambda dut: count(float(dut.points["frames_held"].sum()))),
+        ("spikes left out", lambda dut: count(float(dut.points["spikes"].sum()))),
+        ("outliers left out", lambda dut: count(float(dut.points["outliers"].sum()))),
         *((f"points with verdict {word}", _counter(word)) for word in ("pass", "marginal", "fail")),
         ("largest standard uncertainty, °/s", lambda dut: significant(_largest(dut.points["rate_mean_u_dps"]), 2)),
         ("steepest temperature slope, °C/min", lambda dut: _steepest(dut.points)),
         ("largest |chamber readback − setpoint|, °C", lambda dut: fixed(_chamber_offset(dut.points), 2)),
         ("largest |table readback − setpoint|, °/s", lambda dut: significant(_table_offset(dut.points), 2)),
+        ("largest noise against the DUT's own", lambda dut: significant(_largest(dut.points["noise_ratio"]), 2)),
     ]
     columns = [Column("Quantity", numeric=False), *(Column(unbroken(dut.name)) for dut in data.duts)]
     caption = (
-        "Data quality per DUT. Stream counts are of the whole run as the decoder saw it. The last four lines are the "
+        "Data quality per DUT. Stream counts are of the whole run as the decoder saw it. The last five lines are the "
         "worst value over all points; a slope stands with its standard uncertainty, which is large if acquired briefly."
     )
     return _plain_numbers(caption, columns, [[label, *(of(dut) for dut in data.duts)] for label, of in lines])

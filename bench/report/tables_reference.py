@@ -109,9 +109,16 @@ def provenance(data: ReportData) -> list[tuple[str, str]]:
         ("Started, ended (UTC)", _joined((manifest.started_utc, manifest.ended_utc))),
         ("Host", manifest.host),
         ("Versions", versions),
+        ("Raw files waiting for the disk", _queue_words(manifest.raw_queue)),
         ("Exit code", "" if manifest.exit_code is None else str(manifest.exit_code)),
     ]
     return [(label, value) for label, value in pairs if value]
+
+
+def _queue_words(queue: Mapping[str, float | None]) -> str:
+    """How near the measurement came to waiting for the disk."""
+    deepest, length = queue.get("deepest"), queue.get("length")
+    return "" if deepest is None or length is None else f"at most {deepest:g} at once, of {length:g} that can"
 
 
 def _joined(words: Iterable[str | None]) -> str:

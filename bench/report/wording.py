@@ -15,7 +15,12 @@ SPLITS = {
     "random": "random split, held-back points",
     "random_train": "random split, training points",
 }
-QUANTITIES = {"max_abs_dps": "largest error", "std_dps": "standard deviation of the error"}
+QUANTITIES = {
+    "max_abs_dps": "largest error",
+    "std_dps": "standard deviation of the error",
+    "times_floor": "standard deviation of the error in noise floors",
+    "rms_mil": "rms error in mil",
+}
 COLUMNS = (
     ("point, dut", "number of the point in the order measured; serial number of the DUT: one row per point and DUT"),
     ("dwell", "number of the stay at one chamber setpoint; leave-temperatures-out leaves out whole dwells"),
@@ -28,17 +33,26 @@ COLUMNS = (
         "dut_temperature_slope_degc_min, dut_temperature_slope_u_degc_min",
         "slope of that temperature during the acquisition, and its standard uncertainty, °C/min",
     ),
-    ("rate_setpoint_dps, rate_readback_dps", "what the table was asked for, and what it said, °/s"),
+    (
+        "rate_setpoint_dps, rate_readback_dps, rate_worst_dps",
+        "what the table was asked for; the mean of what it said during the acquisition, and what was farthest off, °/s",
+    ),
     (
         "rate_reference_dps",
         "what the DUT should have measured: rate setpoint plus the earth rate along the table axis, °/s",
     ),
     ("rate_mean_dps, rate_std_dps", "mean and standard deviation of the samples of the point, °/s"),
     ("rate_mean_u_dps", "standard uncertainty of the mean, noise of the samples with their correlation, °/s"),
+    (
+        "noise_ratio",
+        "standard deviation of the samples over the median of the DUT's own points before it at comparable rates",
+    ),
     ("samples, frames", "samples averaged; frames received during the acquisition"),
     ("frames_lost, duplicates, bad_checksum", "frames that did not arrive, arrived twice, or arrived damaged"),
     ("skipped_bytes, resyncs", "bytes the decoder skipped, and how often, to find the next good frame"),
-    ("outliers", "samples taken out before averaging by the procedure's rule"),
+    ("frames_held", "frames that only repeat the one before, more often than noise can: the output was frozen"),
+    ("spikes", "single frames far off, left out before samples were made (8 scaled MAD)"),
+    ("outliers", "samples left out before averaging (6 scaled MAD)"),
     ("started_at_s, ended_at_s", "acquisition on the bench clock, seconds from the start of the run"),
     ("verdict, reasons", "pass, marginal or fail, and why; failed points are kept in the file and left out of figures"),
 )

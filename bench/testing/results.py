@@ -9,7 +9,7 @@ from functools import cached_property, wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
-from bench.analysis import Judged
+from bench.analyses.context import Judged
 from bench.conclude import RunEnd
 from bench.errors import FogbenchError
 from bench.journal import Entry, load_journal

@@ -8,14 +8,17 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bench.points import digits_of
 from bench.rawstore import RawFile, read_parquet
-from bench.reduction import Samples, point_statistics, to_samples
+from bench.reduction import Samples, held_frames, point_statistics, spikes, to_samples
 from bench.verify.findings import Check, Finding, Tell, attempt, collect
 from bench.verify.record import Record
 from drivers.codecs.batch import FrameBatch, Meaning, Quantity
 
+# Parts of records are looked at by bench/verify/series.py.
+PART = re.compile(r"r(\d{5,9})-(.+)-(\d{5,9})\.(frames|samples)\.parquet")
 NAME = re.compile(r"p(\d{5,9})-(.+)\.parquet")
 # Sums in another order (another processor or numpy) differ in their last bits, which may move the last digit kept.
 LAST_DIGITS = 1.01
@@ -33,7 +36,7 @@ def check_raw(record: Record, tell: Tell) -> list[Check]:
     files: list[Finding] = []
     again: list[Finding] = []
     read = 0
-    present = sorted(path.name for path in folder.iterdir()) if folder.is_dir() else []
+    present = sorted(path.name for path in folder.iterdir() if not PART.fullmatch(path.name)) if folder.is_dir() else []
     if mode in ("frames", "samples") or (mode is None and present):
         files += _missing(record, points, set(present))
     for number, name in enumerate(present, start=1):
@@ -43,7 +46,10 @@ def check_raw(record: Record, tell: Tell) -> list[Check]:
         files += homeless
         if row is not None:
             raw = attempt(files, f"raw/{name}", read_parquet, folder / name)
-            if raw is not None:
+            if raw is not None and _of_a_later_try(record, raw, row):
+                text = "of an acquisition that was to replace this failed point and was broken off"
+                files.append(Finding(text, f"raw/{name}", int(row["point"]), str(row["dut"]), severity="note"))
+            elif raw is not None:
                 read += 1
                 collect(files, f"raw/{name}", _sane, raw, row, mode)
                 collect(again, f"raw/{name}", _made_again, raw, row)
@@ -83,6 +89,19 @@ def _row_of(record: Record, name: str, points: Points) -> tuple[Row | None, list
     if key and (dropped or record.state != "ended"):
         return None, [Finding("of an acquisition that was broken off", label, *key, severity="note")]
     return None, [Finding("belongs to no point of the journal", label, *(key or ()))]
+
+
+def _of_a_later_try(record: Record, raw: RawFile, row: Row) -> bool:
+    """Whether a failed point was begun again and the run ended before that was done: the file is there, no row."""
+    if row["verdict"] != "fail" or raw.metadata.get("started_at_s") == row["started_at_s"]:
+        return False
+    done: set[int] = set()
+    for entry in reversed(record.entries):
+        if entry["kind"] == "done":
+            done.add(entry["step"])
+        elif entry["kind"] == "step" and entry["verb"] == "acquire" and entry["step"] not in done:
+            return bool(entry["t_s"] > row["ended_at_s"])
+    return False
 
 
 def _sane(raw: RawFile, row: Row, mode: str | None) -> Iterator[Finding]:
@@ -148,15 +167,22 @@ def _samples(raw: RawFile) -> tuple[Samples, Row]:
     frames = meaning_of(about).batch(columns, index)
     per_sample = about["every_s"] * about["data_rate_hz"]
     planned = math.ceil(about["samples"] * per_sample - 1e-9)
-    return _reduced(frames, per_sample, about), {"frames": len(index), "frames_lost": planned - len(index)}
+    spiked = spikes(frames.rate_dps, frames.good)
+    good = frames.good if spiked is None else frames.good & ~spiked
+    return _reduced(frames, good, per_sample, about), {
+        "frames": len(index),
+        "frames_lost": planned - len(index),
+        "frames_held": held_frames(frames.columns["rate"]),
+        "spikes": int(np.count_nonzero(frames.good & ~good)),
+    }
 
 
-def _reduced(frames: FrameBatch, per_sample: float, about: Any) -> Samples:
+def _reduced(frames: FrameBatch, good: NDArray[np.bool_], per_sample: float, about: Any) -> Samples:
     return to_samples(
         frames.index - frames.index[0],
         frames.rate_dps,
         frames.temperature_degc,
-        frames.good,
+        good,
         per_sample,
         about["samples"],
         newest=about["take"] == "newest",
@@ -166,7 +192,7 @@ def _reduced(frames: FrameBatch, per_sample: float, about: Any) -> Samples:
 def meaning_of(about: Any) -> Meaning:
     """The laws in a raw file's metadata. Raises KeyError or TypeError."""
     laws = {name: Quantity(**law) for name, law in about["quantities"].items()}
-    return Meaning(laws["rate"], laws.get("temperature"), about["status"]["good_mask"], about["status"]["good_value"])
+    return Meaning.of(laws, about["status"]["good_mask"], about["status"]["good_value"])
 
 
 def _same(value: Any, journaled: Any, figure: str) -> bool:

@@ -10,12 +10,12 @@ from typing import Any
 
 import numpy as np
 
-from bench.analysis import INPUT_COLUMNS, judge_limits, model_factories
-from bench.conclude import conclude, failure_of
+from bench.analyses.models import INPUT_COLUMNS, judge_limits, model_factories
+from bench.conclude import ANALYSES, conclude, failure_of
 from bench.errors import UserMistake
 from bench.manifest import sha256
 from bench.points import usable
-from bench.procedure.language import Analysis
+from bench.procedure.analyses import Analysis
 from bench.verify.findings import Check, Finding, attempt, collect
 from bench.verify.record import JOURNAL, Record, whole_bytes
 from bench.verify.tables import read_table
@@ -37,6 +37,7 @@ class Again:
     metrics: Mapping[str, Any]
     manifest: Mapping[str, Any]
     models: Sequence[str]
+    documents: Mapping[str, Any]
 
 
 def check_results(record: Record) -> list[Check]:
@@ -53,6 +54,8 @@ def check_results(record: Record) -> list[Check]:
     collect(in_manifest, MANIFEST, _hashes, folder, manifest)
     if again is not None:
         collect(in_metrics, METRICS, _metrics, again.metrics, metrics)
+        for name, document in again.documents.items():
+            collect(in_metrics, f"{ANALYSES}/{name}", _document, folder, name, document)
         if metrics:
             collect(in_metrics, RESIDUALS, _residuals, record, metrics)
         if manifest:
@@ -86,10 +89,11 @@ def _again(record: Record, metrics: Mapping[str, Any], findings: list[Finding]) 
     with tempfile.TemporaryDirectory(prefix="fogbench-verify-") as name:
         folder = Path(name)
         (folder / JOURNAL).write_bytes((record.folder / JOURNAL).read_bytes()[: whole_bytes(record)])
-        end = conclude(folder, analysis, failure_of(record.entries))
+        end = conclude(folder, record.head, failure_of(record.entries), recorded=record.folder)
         if extra:
-            end = conclude(folder, analysis, failure_of(record.entries), models=extra)
-        return Again(end.metrics, end.manifest, _model_files(folder))
+            end = conclude(folder, record.head, failure_of(record.entries), models=extra, recorded=record.folder)
+        documents = {path.name: read_object(path) for path in sorted((folder / ANALYSES).glob("*.json"))}
+        return Again(end.metrics, end.manifest, _model_files(folder), documents)
 
 
 def _extra_models(analysis: Analysis | None, metrics: Mapping[str, Any], findings: list[Finding]) -> list[str]:
@@ -129,6 +133,30 @@ def _metrics(expected: Mapping[str, Any], found: Mapping[str, Any]) -> Iterator[
                 expected=_plain(wanted.get(path)),
                 found=_plain(got.get(path)),
             )
+
+
+def _document(folder: Path, name: str, expected: Mapping[str, Any]) -> Iterator[Finding]:
+    """Figures of another analysis that are not what the record gives; how long a fit took is nobody's to repeat."""
+    wanted, got = dict(_leaves(expected)), dict(_leaves(read_object(folder / ANALYSES / name)))
+    for path in sorted({*wanted, *got}):
+        if path[-1] != "fit_s" and (path not in got or path not in wanted or not _close(wanted[path], got[path])):
+            where = " / ".join(path)
+            text = f"{where} is not what the record gives"
+            found = _plain(got.get(path))
+            yield Finding(text, f"{ANALYSES}/{name}", None, None, where, _plain(wanted.get(path)), found)
+
+
+def _leaves(value: Any, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], Any]]:
+    """Every number, text and truth of a document, by its path."""
+    inside: Any = ()
+    if isinstance(value, Mapping):
+        inside = value.items()
+    elif isinstance(value, list):
+        inside = enumerate(value)
+    else:
+        yield path, value
+    for key, inner in inside:
+        yield from _leaves(inner, (*path, str(key)))
 
 
 def _flat(value: Any, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], Any]]:
@@ -226,7 +254,9 @@ def _manifest(
     duts = list(record.entries[0]["duts"])
     analysis = record.head.analysis if record.head else None
     judged = judge_limits(analysis, dict(metrics), duts) if analysis else []
-    expected = dict(again.manifest) | {"limits": [{**asdict(item), "passed": item.passed} for item in judged]}
+    # Those of the points from the metrics on disk, which may be of a fit after the run; then those of other analyses.
+    limits = [{**asdict(item), "passed": item.passed} for item in judged] + again.manifest["limits"][len(judged) :]
+    expected = dict(again.manifest) | {"limits": limits}
     for key in ("files", "notes"):
         wanted, got = expected.pop(key), manifest.get(key)
         if not _fits(key, wanted, got):

@@ -61,7 +61,7 @@ def _csv(path: Path, points: pd.DataFrame) -> Iterator[Finding]:
 
 
 def _parquet(path: Path, expected: pd.DataFrame) -> Iterator[Finding]:
-    return _cells(path.name, expected, read_table(path, len(expected)))
+    return cells(path.name, expected, read_table(path, len(expected)))
 
 
 def _text_cells(name: str, points: pd.DataFrame, text: bytes) -> Iterator[Finding]:
@@ -71,10 +71,10 @@ def _text_cells(name: str, points: pd.DataFrame, text: bytes) -> Iterator[Findin
     table = pd.read_csv(
         io.BytesIO(text), dtype=dict.fromkeys(TEXT_COLUMNS, str), keep_default_na=False, na_values=empty
     )
-    return _cells(name, points, table)
+    return cells(name, points, table)
 
 
-def _cells(name: str, expected: pd.DataFrame, found: pd.DataFrame) -> Iterator[Finding]:
+def cells(name: str, expected: pd.DataFrame, found: pd.DataFrame) -> Iterator[Finding]:
     """Cells that differ, to the last bit; a missing value equals a missing value."""
     if list(expected.columns) != list(found.columns):
         columns = sorted(map(str, set(expected.columns) ^ set(found.columns)))

@@ -9,6 +9,7 @@ from bench.verify.findings import Check, Finding, Tell, Verification, attempt
 from bench.verify.raw_files import check_raw
 from bench.verify.record import JOURNAL, Record, read_record
 from bench.verify.results import MANIFEST, check_results
+from bench.verify.series import check_series
 from bench.verify.tables import check_tables
 from fitting.strict_json import read_object
 
@@ -24,6 +25,7 @@ def verify(folder: Path, tell: Tell = lambda text: None) -> Verification:
     record, checks = read_record(folder)
     if record.entries:
         checks += _guarded("raw files", lambda: check_raw(record, tell))
+        checks += _guarded("records", lambda: check_series(record, tell))
         checks += _concluded(record, tell)
     return Verification(str(folder), checks)
 

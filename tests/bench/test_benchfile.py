@@ -54,6 +54,35 @@ def loaded(folder: Path, text: str = BENCH) -> Bench:
     return bench
 
 
+@pytest.mark.parametrize(
+    ("identity", "found", "right"),
+    [
+        (None, "anything", True),
+        ("Watlow F4, model 5270", "Watlow F4, model 5270", True),
+        ("Watlow F4", "Watlow F4, model 5270", False),
+        ("Watlow F4*", "Watlow F4, model 5270", True),
+        ("*5270", "Watlow F4, model 5270", True),
+        ("*F4*5270*", "Watlow F4, model 5270", True),
+        ("Watlow F.*", "Watlow F4", False),
+        ("watlow*", "Watlow F4", False),
+    ],
+)
+def test_an_identity_is_the_whole_text_with_stars_for_any(
+    tmp_path: Path, identity: str | None, found: str, right: bool
+) -> None:
+    chamber = loaded(tmp_path).chamber
+    assert chamber is not None and replace(chamber, identity=identity).is_it(found) is right
+
+
+def test_links_have_sane_defaults_and_take_quantities(tmp_path: Path) -> None:
+    links = loaded(tmp_path).file.links
+    assert (links.patience_s, links.first_wait_s, links.longest_wait_s, links.silent_after_s) == (300, 0.5, 10, 60)
+    changed = loaded(tmp_path, BENCH + "links: {patience: 2 min, silent_after: 10 s}\n").file.links
+    assert (changed.patience_s, changed.silent_after_s) == (120.0, 10.0)
+    (problem,) = load(tmp_path, BENCH + "links: {first_wait: 0 s}\n")[1]
+    assert "first_wait" in problem and "above 0 s" in problem
+
+
 def mistakes(folder: Path, old: str, new: str) -> list[str]:
     assert BENCH.count(old) == 1
     return load(folder, BENCH.replace(old, new))[1]

@@ -11,6 +11,7 @@ import pytest
 from bench.conclude import RunEnd
 from bench.errors import BenchFailure
 from bench.journal import read_journal
+from bench.verify.verify import verify
 from tests.bench.campaigns import GRID, run_campaign, virtual_bench
 
 COUNTED = ("duplicates", "bad_checksum", "skipped_bytes", "resyncs")
@@ -206,7 +207,7 @@ def test_an_alarm_before_hour_0_refuses_the_start(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("on", ["chamber", "rate_table"])
 def test_an_instrument_that_answers_no_more_is_an_error(tmp_path: Path, on: str) -> None:
-    end = broken(tmp_path, {"name": "no_reply", "on": on, "at": "5 min", "for": "2 min"})
+    end = broken(tmp_path, {"name": "no_reply", "on": on, "at": "5 min"})
     assert end.outcome == "ERROR" and "no reply" in end.message
     assert "broken.yaml:" in end.message and len(safe_events(end)) == 2
 
@@ -232,11 +233,30 @@ def test_a_frozen_gyro_fails_its_points(tmp_path: Path, dut: str) -> None:
     assert reasons(end, dut)[:2] == ["", ""] and "frozen" in reasons(end, dut)[2]
 
 
-def test_spikes_are_outliers(tmp_path: Path) -> None:
-    end = broken(tmp_path, {"name": "spike", "on": "FOG-A01", "probability": 2e-3, "size": "1000 deg/s"})
-    points = pd.read_csv(end.folder / "points.csv").query("dut == 'FOG-A01'")
-    assert end.outcome == "FAIL" and points["outliers"].sum() >= 3
-    assert "outliers" in "".join(reasons(end))
+@pytest.mark.parametrize("dut", ["FOG-A01", "FOG-B01"])
+@pytest.mark.parametrize("size", ["0.2 deg/s", "1000 deg/s"])
+def test_spikes_are_counted_as_the_truth_has_them_and_move_no_mean(
+    tmp_path: Path, healthy: pd.DataFrame, dut: str, size: str
+) -> None:
+    end = broken(tmp_path, {"name": "spike", "on": dut, "probability": 2e-3, "size": size})
+    points = pd.read_csv(end.folder / "points.csv", keep_default_na=False).query("dut == @dut")
+    sessions = sessions_of(end, dut)
+    for _, row in points.iterrows():
+        session = [one for one in sessions if one.began_s <= row["started_at_s"] + 1e-6][-1]
+        spiked = [n for one in session.records for n in range(one["frame"], one["frame"] + one["frames"])]
+        assert row["spikes"] == sum(session.first <= number < session.first + 1000 for number in spiked)
+        assert row["verdict"] == ("marginal" if row["spikes"] > 1 else "pass")
+        assert ("spikes" in row["reasons"]) is (row["spikes"] > 1)
+    assert points["spikes"].sum() >= 3 and points["frames_lost"].sum() == points["outliers"].sum() == 0
+    assert not verify(end.folder).wrong
+    clean = healthy.query("dut == @dut")["rate_mean_dps"].to_numpy()
+    # leaving out some frames of a thousand changes a mean by a fraction of its uncertainty
+    assert (abs(points["rate_mean_dps"].to_numpy() - clean) < 0.5 * points["rate_mean_u_dps"].to_numpy()).all()
+
+
+def test_too_many_spikes_fail_a_point(tmp_path: Path) -> None:
+    end = broken(tmp_path, {"name": "spike", "on": "FOG-A01", "probability": 2e-2, "size": "1000 deg/s"})
+    assert end.outcome == "FAIL" and all("spikes" in reason for reason in reasons(end))
 
 
 @pytest.fixture(scope="module")

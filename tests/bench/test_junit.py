@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bench.analysis import Judged
+from bench.analyses.context import Judged
 from bench.cli.main import main
 from bench.conclude import RunEnd
 from bench.errors import BenchFailure, ExitCode
@@ -105,7 +105,7 @@ def test_a_limit_is_a_case_of_its_own(fogbench: Typed, tmp_path: Path) -> None:
     procedure = write(tmp_path, "short.yaml", SHORT)
     assert fogbench("run", procedure, "--bench", VIRTUAL, "--junit", "j.xml", "--json") == ExitCode.FAILED
     cases = read(tmp_path / "j.xml")
-    assert "is over 1e-09 deg/s" in message(cases["limit: linear, random, std_dps"], "failure")
+    assert "is over 3.6e-06 deg/h" in message(cases["limit: linear, random, std_dps"], "failure")
     passed = cases["limit: linear, random, max_abs_dps"]
     assert [child.tag for child in passed] == ["system-out"]
     assert "FOG-A01: " in (passed.findtext("system-out") or "")

@@ -12,7 +12,17 @@ import pytest
 
 from bench.errors import Mark
 from bench.journal import Entry
-from bench.points import COLUMNS, judge, point_row, points_of, timeline_of, usable, write_points, write_table
+from bench.points import (
+    COLUMNS,
+    Figures,
+    judge,
+    point_row,
+    points_of,
+    timeline_of,
+    usable,
+    write_points,
+    write_table,
+)
 from bench.procedure.language import Acquire, Quality
 from bench.procedure.plan import PlannedStep
 from bench.reduction import PointStatistics
@@ -51,25 +61,28 @@ def batch(n: int = PLANNED, frozen: bool = False, bad: int = 0) -> FrameBatch:
     return FrameBatch({"rate": raw}, np.arange(n), raw.astype(float), np.zeros(n), good)
 
 
+FIGURES = Figures(
+    planned_samples=100,
+    planned_frames=PLANNED,
+    frames=batch(),
+    losses=Losses(frames=9, lost=3, duplicates=4, bad_checksum=5, skipped_bytes=6, resyncs=7, bad_status=8),
+    spikes=0,
+    chamber_degc=[-25.02, -25.04],
+    rates_dps=[-180.0017, -179.9957],
+    typical_std_dps=0.01,
+    started_at_s=1000.0,
+    ended_at_s=1010.1234567,
+)
+
+
 def row_of(
     statistics: PointStatistics | None = STATISTICS,
-    frames: FrameBatch | None = None,
     step: PlannedStep = STEP,
+    dut: str = "FOG-A",
+    quality: Quality = QUALITY,
     **changes: Any,
 ) -> dict[str, Any]:
-    arguments: dict[str, Any] = {
-        "dut": "FOG-A",
-        "planned_samples": 100,
-        "planned_frames": PLANNED,
-        "losses": Losses(frames=9, lost=3, duplicates=4, bad_checksum=5, skipped_bytes=6, resyncs=7, bad_status=8),
-        "chamber_degc": -25.03,
-        "rate_dps": -179.9987,
-        "earth_rate_dps": 0.0029545,
-        "started_at_s": 1000.0,
-        "ended_at_s": 1010.1234567,
-        "quality": QUALITY,
-    } | changes
-    return point_row(step=step, statistics=statistics, frames=batch() if frames is None else frames, **arguments)
+    return point_row(step, dut, statistics, replace(FIGURES, **changes), earth_rate_dps=0.0029545, quality=quality)
 
 
 def test_a_row_has_every_column_in_order_and_the_right_figure_in_each() -> None:
@@ -86,10 +99,12 @@ def test_a_row_has_every_column_in_order_and_the_right_figure_in_each() -> None:
         "dut_temperature_slope_u_degc_min": 0.001,
         "rate_setpoint_dps": -180.0,
         "rate_readback_dps": -179.9987,
+        "rate_worst_dps": -179.9957,
         "rate_reference_dps": -179.9970455,
         "rate_mean_dps": -179.123456789,
         "rate_std_dps": 0.0123,
         "rate_mean_u_dps": 0.00123,
+        "noise_ratio": 1.23,
         "samples": 100,
         "frames": 10_000,
         "frames_lost": 0,
@@ -97,6 +112,8 @@ def test_a_row_has_every_column_in_order_and_the_right_figure_in_each() -> None:
         "bad_checksum": 5,
         "skipped_bytes": 6,
         "resyncs": 7,
+        "frames_held": 0,
+        "spikes": 0,
         "outliers": 0,
         "started_at_s": 1000.0,
         "ended_at_s": 1010.123457,
@@ -116,7 +133,7 @@ def test_the_columns_of_the_run_folder_are_there() -> None:
 
 
 def test_a_point_without_samples_is_a_row_of_nothing_that_failed() -> None:
-    row = row_of(None, FrameBatch.empty())
+    row = row_of(None, frames=FrameBatch.empty())
     assert (row["verdict"], row["reasons"]) == ("fail", "no samples")
     assert (row["samples"], row["frames"], row["frames_lost"], row["outliers"]) == (0, 0, PLANNED, 0)
     assert row["rate_mean_dps"] is None
@@ -130,9 +147,9 @@ def test_what_is_no_number_is_nothing() -> None:
 
 
 def test_a_bench_without_a_table_has_no_reference() -> None:
-    row = row_of(step=replace(STEP, rate_dps=None, temperature_degc=None), rate_dps=None, chamber_degc=None)
+    row = row_of(step=replace(STEP, rate_dps=None, temperature_degc=None), rates_dps=[], chamber_degc=[])
     assert row["rate_reference_dps"] is None
-    assert row["rate_setpoint_dps"] is None
+    assert row["rate_setpoint_dps"] is row["rate_worst_dps"] is None
     assert row["verdict"] == "pass"
 
 
@@ -195,18 +212,78 @@ def test_a_temperature_that_still_moves(slope: float, u: float, verdict: str) ->
 def test_a_table_off_its_rate(readback: float, verdict: str) -> None:
     # The band has a hair more than 0.02, which no sum of decimals reaches exactly.
     quality = QUALITY.model_copy(update={"rate_band_dps": 0.0200001})
-    assert row_of(rate_dps=float(readback), quality=quality)["verdict"] == verdict
+    assert row_of(rates_dps=[float(readback)], quality=quality)["verdict"] == verdict
+
+
+@pytest.mark.parametrize(
+    ("worst", "verdict"), [(-180.09, "pass"), (-180.11, "marginal"), (-179.51, "marginal"), (-179.49, "fail")]
+)
+def test_a_table_that_left_its_rate_for_a_moment(worst: float, verdict: str) -> None:
+    """The mean of all readbacks is as it should be; the one that is farthest off is judged by its own limit."""
+    row = row_of(rates_dps=[-180.0] * 300 + [worst])
+    assert row["rate_worst_dps"] == worst and abs(row["rate_readback_dps"] + 180.0) < 0.01
+    assert row["verdict"] == verdict
+    assert ("table off its rate at one time" in row["reasons"]) is (verdict != "pass")
+
+
+def test_a_rate_that_was_commanded_and_not_read_back_is_not_passed() -> None:
+    row = row_of(rates_dps=[])
+    assert (row["verdict"], row["reasons"]) == ("marginal", "table rate not measured")
+
+
+@pytest.mark.parametrize(("spikes", "verdict"), [(0, "pass"), (10, "pass"), (11, "marginal"), (51, "fail")])
+def test_spikes(spikes: int, verdict: str) -> None:
+    """1000 ppm of 10 000 frames are 10."""
+    row = row_of(spikes=spikes)
+    assert (row["spikes"], row["verdict"]) == (spikes, verdict)
+    assert ("spikes" in row["reasons"]) is (verdict != "pass")
+
+
+@pytest.mark.parametrize(
+    ("std", "samples", "verdict"),
+    [
+        (0.02, 1000, "pass"),
+        (0.0213, 1000, "pass"),
+        (0.0215, 1000, "marginal"),
+        (0.1, 1000, "marginal"),
+        (0.108, 1000, "fail"),
+        (0.034, 10, "pass"),  # ten samples may do that by chance
+        (0.0349, 9, "pass"),
+        (0.0345, 10, "marginal"),
+    ],
+)
+def test_noise_against_the_duts_own(std: float, samples: int, verdict: str) -> None:
+    """Twice the usual 0.01 is marginal, ten times fails; less three standard errors, 1 + 3/√(2 · 999) = 1.067."""
+    row = row_of(replace(STATISTICS, rate_std_dps=std, samples=samples), typical_std_dps=0.01)
+    assert row["noise_ratio"] == pytest.approx(std / 0.01)
+    assert row["verdict"] == verdict
+    assert ("noise against the DUT's own" in row["reasons"]) is (verdict != "pass")
+
+
+def test_without_a_history_noise_is_not_judged() -> None:
+    row = row_of(replace(STATISTICS, rate_std_dps=100.0), typical_std_dps=None)
+    assert row["noise_ratio"] is None and row["verdict"] == "pass"
+
+
+@pytest.mark.parametrize(("held", "verdict"), [(1000, "fail"), (41, "marginal"), (0, "pass")])
+def test_an_output_that_froze_for_a_while(held: int, verdict: str) -> None:
+    raw = np.arange(PLANNED, dtype=np.float32)
+    raw[5000 : 5000 + held] = raw[5000]
+    row = row_of(frames=replace(batch(), columns={"rate": raw}))
+    assert (row["frames_held"], row["verdict"]) == (max(0, held - 1), verdict)
+    assert ("frames frozen" in row["reasons"]) is (verdict != "pass")
 
 
 def test_a_gyro_that_froze_fails_though_its_frames_are_good() -> None:
     row = row_of(frames=batch(frozen=True))
     assert (row["verdict"], row["reasons"]) == ("fail", "output frozen")
+    assert row["frames_held"] == PLANNED - 1
     few = batch(10, frozen=True)
     assert "frozen" not in row_of(frames=few, planned_frames=10)["reasons"]
 
 
 def test_all_reasons_are_told_and_the_worst_decides() -> None:
-    row = row_of(replace(STATISTICS, outliers=1), batch(PLANNED - 60))
+    row = row_of(replace(STATISTICS, outliers=1), frames=batch(PLANNED - 60))
     assert row["verdict"] == "fail"
     assert row["reasons"] == "frames lost 6000 over 1000 ppm; outliers 1e+04 over 5000 ppm"
 
@@ -214,13 +291,13 @@ def test_all_reasons_are_told_and_the_worst_decides() -> None:
 def test_limits_of_nothing_fail_at_the_first_loss() -> None:
     quality = Quality.model_validate({"lost": "0 ppm", "outliers": "0 ppm"})
     assert row_of(quality=quality)["verdict"] == "pass"
-    assert judge(row_of() | {"frames_lost": 1}, batch(), 100, PLANNED, quality)[0] == "fail"
+    assert judge(row_of() | {"frames_lost": 1}, FIGURES, quality)[0] == "fail"
 
 
 def entries() -> list[Entry]:
     rows = [
         row_of(step=replace(STEP, point=2)),
-        row_of(None, FrameBatch.empty(), dut="FOG-B", chamber_degc=None),
+        row_of(None, frames=FrameBatch.empty(), dut="FOG-B", chamber_degc=[]),
         row_of(step=replace(STEP, point=1), started_at_s=2000.0),
     ]
     return [
@@ -248,16 +325,16 @@ def entries() -> list[Entry]:
     ]
 
 
-def test_points_are_in_the_order_measured_with_types_that_hold() -> None:
+def test_points_are_in_the_order_of_the_plan_with_types_that_hold() -> None:
     points = points_of(entries())
     assert list(points.columns) == list(COLUMNS)
-    assert points["point"].tolist() == [2, 38, 1]
-    assert points["started_at_s"].tolist() == [1000.0, 1000.0, 2000.0]
+    assert points["point"].tolist() == [1, 2, 38]
+    assert points["started_at_s"].tolist() == [2000.0, 1000.0, 1000.0]
     assert points["samples"].dtype == np.int64
-    assert math.isnan(points["rate_mean_dps"][1])
-    assert math.isnan(points["chamber_readback_degc"][1])
+    assert math.isnan(points["rate_mean_dps"][2])
+    assert math.isnan(points["chamber_readback_degc"][2])
     assert points["rate_mean_dps"].dtype == np.float64
-    assert points["verdict"].tolist() == ["pass", "fail", "pass"]
+    assert points["verdict"].tolist() == ["pass", "pass", "fail"]
 
 
 def test_a_run_without_points_or_readbacks_still_has_tables() -> None:
@@ -295,7 +372,7 @@ def test_both_files_hold_the_same_points(tmp_path: Path) -> None:
     text = (tmp_path / "points.csv").read_bytes().decode()
     lines = text.split("\n")
     assert lines[0] == ",".join(COLUMNS)
-    assert lines[1].startswith("2,FOG-A,2,-25.0,-25.03,-24.876543,0.01234568,0.001,-180.0,-179.9987,")
+    assert lines[1].startswith("1,FOG-A,2,-25.0,-25.03,-24.876543,0.01234568,0.001,-180.0,-179.9987,")
     assert len(lines) == 5
     assert "\r" not in text
     from_csv = list(csv.DictReader(text.splitlines()))
@@ -304,7 +381,7 @@ def test_both_files_hold_the_same_points(tmp_path: Path) -> None:
         if points[name].dtype.kind in "if":
             np.testing.assert_array_equal([float(line[name] or "nan") for line in from_csv], points[name])
             np.testing.assert_array_equal(from_parquet[name], points[name])
-    assert from_parquet["reasons"].tolist() == ["", "no samples", ""]
+    assert from_parquet["reasons"].tolist() == ["", "", "no samples"]
 
 
 def test_the_same_points_are_the_same_bytes(tmp_path: Path) -> None:
@@ -325,10 +402,10 @@ def test_a_fit_uses_what_was_measured_and_did_not_fail() -> None:
     rows = [
         row_of(step=replace(STEP, point=1)),
         row_of(step=replace(STEP, point=2), dut="FOG-B"),
-        row_of(None, FrameBatch.empty(), step=replace(STEP, point=3)),
+        row_of(None, frames=FrameBatch.empty(), step=replace(STEP, point=3)),
         row_of(replace(STATISTICS, dut_temperature_degc=math.nan), step=replace(STEP, point=4)),
         row_of(replace(STATISTICS, rate_mean_u_dps=math.nan), step=replace(STEP, point=5)),
-        row_of(step=replace(STEP, point=6, rate_dps=None), rate_dps=None),
+        row_of(step=replace(STEP, point=6, rate_dps=None), rates_dps=[]),
         row_of(step=replace(STEP, point=7), frames=batch(PLANNED - 20)),
         row_of(step=replace(STEP, point=8), frames=batch(PLANNED - 2000)),
     ]

@@ -14,10 +14,12 @@ from scipy.stats import linregress
 from bench.reduction import (
     OUTLIER_MADS,
     Samples,
+    held_frames,
     outliers,
     point_statistics,
     slope,
     slope_uncertainty,
+    spikes,
     standard_uncertainty,
     to_samples,
 )
@@ -290,3 +292,99 @@ class TestPoint:
         assert statistics is not None
         assert statistics.rate_mean_dps == 4.5
         assert math.isnan(statistics.dut_temperature_degc)
+
+
+class TestSpikes:
+    GOOD = np.ones(60_000, bool)
+
+    def noise(self, seed: int, n: int = 60_000) -> Floats:
+        return np.random.default_rng(seed).normal(10.0, 0.01, n)
+
+    def test_white_noise_has_none(self) -> None:
+        assert all(spikes(self.noise(seed), self.GOOD) is None for seed in range(40))
+
+    @given(st.integers(0, 2**32), st.lists(st.integers(0, 4999), min_size=1, max_size=20, unique=True), st.booleans())
+    @settings(max_examples=50)
+    def test_single_frames_far_off_are_found_exactly(self, seed: int, hit: list[int], coarse: bool) -> None:
+        """Not those with neighbours that are off as well for more than three in all; whatever is coarse or fine."""
+        at = np.array([place for place in hit if not {place - 1, place + 1, place + 2, place - 2} & set(hit)], int)
+        rate = np.rint(self.noise(seed, 5000) * 50) / 50 if coarse else self.noise(seed, 5000)
+        rate[at] += np.random.default_rng(seed).choice([-1.0, 1.0], at.size)
+        found = spikes(rate, self.GOOD[:5000])
+        assert sorted(at) == ([] if found is None else list(np.flatnonzero(found)))
+
+    def test_what_stays_off_is_motion_and_no_spike(self) -> None:
+        rate = self.noise(1)
+        rate[100:104] += 5.0
+        assert spikes(rate, self.GOOD) is None
+        rate[200:203] += 5.0
+        found = spikes(rate, self.GOOD)
+        assert found is not None and list(np.flatnonzero(found)) == [200, 201, 202]
+
+    def test_frames_that_are_not_good_are_not_looked_at(self) -> None:
+        rate, good = self.noise(2), self.GOOD.copy()
+        rate[::1000], good[::1000] = np.nan, False
+        assert spikes(rate, good) is None
+        rate[1] = 99.0
+        found = spikes(rate, good)
+        assert found is not None and list(np.flatnonzero(found)) == [1]
+
+    @pytest.mark.parametrize("n", [0, 1, 9])
+    def test_of_a_few_frames_nothing_can_be_said(self, n: int) -> None:
+        assert spikes(np.arange(n) ** 9.0, np.ones(n, bool)) is None
+
+    def test_left_out_they_do_not_move_the_mean(self) -> None:
+        """Spikes too small to make their sample an outlier: 30 sigma of a frame are 4 of a sample of 60."""
+        clean = self.noise(3)
+        rate, temperature = clean.copy(), np.zeros(clean.size)
+        rate[::600] += 0.3
+        offset = np.arange(clean.size)
+
+        def mean(good: NDArray[np.bool_]) -> float:
+            statistics = point_statistics(to_samples(offset, rate, temperature, good, 60.0, 1000), 0.6)
+            assert statistics is not None
+            return statistics.rate_mean_dps
+
+        found = spikes(rate, self.GOOD)
+        assert found is not None and found.sum() == 100
+        biased, robust = mean(self.GOOD), mean(~found)
+        u = 0.01 / math.sqrt(clean.size)
+        assert biased - clean.mean() > 5 * u
+        assert abs(robust - clean.mean()) < 0.2 * u
+
+
+class TestHeldFrames:
+    @pytest.mark.parametrize("n", [300, 10_000, 60_000])
+    @pytest.mark.parametrize("sigma", [0.2, 0.3, 0.5, 1.0, 1e4])
+    @pytest.mark.parametrize("mean", [0.0, 0.25, 0.5])
+    def test_noise_of_any_resolution_is_no_frozen_output(self, n: int, sigma: float, mean: float) -> None:
+        rng = np.random.default_rng(n)
+        for _ in range(5):
+            assert held_frames(np.rint(rng.normal(mean, sigma, n)).astype(np.int32)) == 0
+
+    @given(st.integers(0, 2**32), st.integers(30, 5000), st.integers(0, 5000))
+    @settings(max_examples=50)
+    def test_a_stretch_of_equal_frames_is_counted(self, seed: int, length: int, begin: int) -> None:
+        raw = np.random.default_rng(seed).normal(size=10_000)
+        raw[begin : begin + length] = raw[begin]
+        assert held_frames(raw) == length - 1
+
+    def test_among_coarse_counts_it_is_found_as_well(self) -> None:
+        raw = np.rint(np.random.default_rng(1).normal(0.2, 0.4, 60_000))
+        raw[30_000:36_000] = raw[30_000]
+        assert 5990 <= held_frames(raw) <= 6030
+
+    def test_several_stretches_add_up(self) -> None:
+        raw = np.random.default_rng(2).normal(size=60_000).astype(np.float32)
+        for begin in range(0, 60_000, 10_000):
+            raw[begin : begin + 5000] = raw[begin]
+        assert held_frames(raw) == 6 * 4999
+
+    def test_an_output_that_never_changes(self) -> None:
+        assert held_frames(np.zeros(1000)) == 999
+        assert held_frames(np.zeros(10)) == held_frames(np.zeros(0)) == held_frames(np.zeros(1)) == 0
+
+    def test_an_output_that_moves_but_for_a_moment_is_frozen(self) -> None:
+        raw = np.zeros(60_000)
+        raw[[10, 30_000]] = 1.0
+        assert held_frames(raw) == 60_000 - 1 - 4

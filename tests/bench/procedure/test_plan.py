@@ -318,3 +318,19 @@ def test_a_plan_that_would_not_end_is_refused(tmp_path: Path, steps: str, monkey
     last = refused(tmp_path, f"  - {steps}")[-1]
     assert "p.yaml:3:6: the procedure has more than 5000 steps" in last
     assert "nested as meant?" in last
+
+
+def test_a_record_marks_its_steps_and_gets_a_label_of_its_own(tmp_path: Path) -> None:
+    steps = """\
+  - go_to_position: 90 deg
+  - repeat:
+      times: 2
+      steps:
+        - record: {name: a, every: 1 s, steps: [{dwell: 1 s}]}
+  - record: {name: a-2, every: 1 s, steps: [{note: x}]}
+"""
+    plan = planned(tmp_path, steps)
+    records = [step for step in plan if step.verb == "record"]
+    assert [step.record for step in records] == ["a", "a-2", "a-2-2"]
+    assert [(step.verb, step.record_step) for step in plan[1:4]] == [("record", 2), ("dwell", 2), ("end_record", 2)]
+    assert plan[0].record is None and plan[2].position_deg == 90.0

@@ -89,8 +89,8 @@ def test_limits_are_judged(
     shown = tables.limits(dataclasses.replace(small.manifest, limits=(check,)))
     assert shown is not None
     assert shown.rows[0][-1].text == word
-    assert [cell.kind for cell in shown.rows[0][2:-1]] == kinds
-    assert shown.rows[0][1].text == "≤ 0.05"
+    assert [cell.kind for cell in shown.rows[0][3:-1]] == kinds
+    assert [cell.text for cell in shown.rows[0][1:3]] == ["°/s", "≤ 0.05"]
 
 
 def test_no_limits_no_table(small: ReportData) -> None:

@@ -1,10 +1,9 @@
-"""After the run, and again whenever asked (law 7): points to models, metrics and a judgement of the limits."""
+"""Points to compensation models, their metrics and a judgement of the limits."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
 from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any, cast
@@ -12,11 +11,11 @@ from typing import Any, cast
 import numpy as np
 import pandas as pd
 
+from bench.analyses.context import Analysed, Context, Judged
 from bench.clock import stopwatch
 from bench.errors import UserMistake, did_you_mean
 from bench.points import usable, write_table
-from bench.procedure.language import Analysis
-from bench.runfolder import write_json
+from bench.procedure.analyses import Analysis
 from fitting.modelfile import ModelFileError, save_model
 from fitting.splits import SplitPlan
 from fitting.validation import UNCOMPENSATED, Evaluation, evaluate
@@ -28,22 +27,6 @@ INPUT_COLUMNS = {
 }
 
 
-@dataclass(frozen=True)
-class Judged:
-    """One limit against what was measured; a figure that could not be measured has not passed."""
-
-    model: str
-    split: str
-    quantity: str
-    limit: float
-    measured: dict[str, float | None]
-
-    @property
-    def passed(self) -> bool:
-        """Whether every DUT is within the limit."""
-        return bool(self.measured) and all(v is not None and v <= self.limit for v in self.measured.values())
-
-
 def model_factories(names: Sequence[str]) -> dict[str, Any]:
     """Model names to estimator factories. Raises UserMistake for an unknown name."""
     known = {item.name: item for item in entry_points(group="fogbench.models")}
@@ -53,24 +36,20 @@ def model_factories(names: Sequence[str]) -> dict[str, Any]:
     return {name: known[name].load() for name in names}
 
 
-def analyse(
-    folder: Path,
-    points: pd.DataFrame,
-    duts: Sequence[str],
-    analysis: Analysis,
-    meta: dict[str, Any],
-    keep: bool = False,
-) -> dict[str, Any]:
-    """Fit every model to every DUT's points; write models/ and metrics.json into the run folder.
+def analyse(context: Context) -> Analysed:
+    """Fit every model to every DUT's points; write their models and held-out errors into the run folder.
 
-    With `keep`, figures and held-out errors of models fitted before stay beside the new ones.
-    Returns {"metrics": as written, "notes": what could not be done and why}.
+    If models are named that the procedure does not ask for, figures of models fitted before stay beside the new ones.
+    Without an `analysis` block, and no model named, nothing is done.
     """
-    metrics, before = _kept(folder, analysis.models) if keep else ({}, [])
-    notes: list[str] = []
-    residuals: list[pd.DataFrame] = [*before]
-    for dut in duts:
-        table = usable(points, dut)
+    asked = context.head.analysis
+    analysis = _wanted(asked, context.models)
+    if analysis is None:
+        return Analysed()
+    folder, notes = context.folder, []
+    metrics, residuals = _kept(folder, analysis.models) if context.models else ({}, [])
+    for dut in context.duts:
+        table = usable(context.points, dut)
         try:
             evaluation = _evaluate(table, analysis)
         except ValueError as error:
@@ -79,12 +58,21 @@ def analyse(
         metrics[dut] = metrics.get(dut, {}) | evaluation.metrics
         notes += [f"{dut}: {reason}" for reason in dict.fromkeys(evaluation.unavailable.values())]
         residuals.append(_residuals(evaluation, table, dut))
-        about = {**meta, "dut": dut, "inputs": list(analysis.inputs)}
+        about = {"run_id": context.run_id, "dut": dut, "inputs": list(analysis.inputs)}
         notes += [f"{dut}: {failure}" for failure in _save_models(folder / "models" / dut, evaluation, about)]
-    write_json(folder / "metrics.json", metrics)
     if residuals:
         write_table(folder / "residuals.parquet", pd.concat(residuals, ignore_index=True))
-    return {"metrics": metrics, "notes": notes}
+    judged = judge_limits(asked, metrics, context.duts) if asked else []
+    return Analysed(metrics, judged, notes, counts=asked is not None)
+
+
+def _wanted(analysis: Analysis | None, models: Sequence[str]) -> Analysis | None:
+    """What to fit now: the procedure's models, or those named with everything else as the procedure has it."""
+    if not models:
+        return analysis
+    if analysis is None:
+        return Analysis.model_validate({"models": list(models)})
+    return analysis.model_copy(update={"models": list(models)})
 
 
 def _kept(folder: Path, fitted_again: Sequence[str]) -> tuple[dict[str, Any], list[pd.DataFrame]]:

@@ -1,0 +1,182 @@
+"""Figures of many models over many seeds: same points, same splits, medians and worst cases."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from bench.analyses.models import INPUT_COLUMNS, model_factories
+from bench.clock import stopwatch
+from bench.errors import UserMistake
+from bench.journal import load_journal
+from bench.points import points_of, usable
+from bench.procedure.analyses import Analysis, Splits
+from bench.refit import head_of_run
+from fitting.modelfiles.kinds import codec_of, kind_of
+from fitting.splits import SplitPlan
+from fitting.validation import UNCOMPENSATED, evaluate
+
+SEEDS = 10
+# Rows in one timed prediction: long enough for a clock, as many as a minute of frames.
+PREDICTED_ROWS = 20_000
+Tell = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Line:
+    """One model on one split of one DUT, over all seeds.
+
+    std_dps, max_dps: (seeds,). floor_dps: median of the noise floors. fit_s: median of the fits. predict_us, of one
+    row, and parameters: of the model fitted on all rows; None for the uncompensated output. guarded: largest share of
+    rows outside the training range, None if nobody counted.
+    """
+
+    run: str
+    dut: str
+    model: str
+    split: str
+    std_dps: NDArray[np.float64]
+    max_dps: NDArray[np.float64]
+    floor_dps: float
+    n: int
+    fit_s: float | None
+    predict_us: float | None
+    parameters: int | None
+    guarded: float | None
+
+    def as_dict(self) -> dict[str, Any]:
+        """Median and worst over the seeds, for JSON and tables."""
+        return {
+            "run": self.run,
+            "dut": self.dut,
+            "model": self.model,
+            "split": self.split,
+            "points": self.n,
+            "seeds": len(self.std_dps),
+            "std_median_dps": float(np.median(self.std_dps)),
+            "std_worst_dps": float(np.max(self.std_dps)),
+            "max_median_dps": float(np.median(self.max_dps)),
+            "max_worst_dps": float(np.max(self.max_dps)),
+            "floor_dps": self.floor_dps,
+            "times_floor": float(np.median(self.std_dps)) / self.floor_dps if self.floor_dps else None,
+            "fit_s": self.fit_s,
+            "predict_us": self.predict_us,
+            "parameters": self.parameters,
+            "guarded": self.guarded,
+        }
+
+
+def compare(folders: Sequence[Path], models: Sequence[str], seeds: int, tell: Tell = lambda text: None) -> list[Line]:
+    """Judge `models` (none named: those of each run's procedure) on the points of every DUT of every run.
+
+    Seed k draws another random split, deals the temperatures to other folds and starts random models anew. Raises
+    UserMistake for a run without points, or an unknown model.
+    """
+    lines: list[Line] = []
+    for folder in folders:
+        entries = load_journal(folder / "journal.jsonl")
+        analysis = head_of_run(folder, entries).analysis
+        points = points_of(entries)
+        if points.empty:
+            raise UserMistake(
+                f"{folder}: it has no points to compare models on. Give runs of a temperature x rate grid."
+            )
+        names = list(models) or (analysis.models if analysis else [])
+        if not names:
+            raise UserMistake(f"{folder}: its procedure names no models. Name them: --models linear,ts_joint")
+        model_factories(names)
+        for dut in entries[0]["duts"]:
+            lines += _of_dut(folder.name, str(dut), usable(points, dut), names, analysis, seeds, tell)
+    return lines
+
+
+def _of_dut(
+    run: str, dut: str, table: pd.DataFrame, names: Sequence[str], analysis: Analysis | None, seeds: int, tell: Tell
+) -> Iterator[Line]:
+    splits = analysis.splits if analysis else Splits()
+    inputs = analysis.inputs if analysis else ["dut_temperature", "rate"]
+    X = table[[INPUT_COLUMNS[name] for name in inputs]].to_numpy(dtype=np.float64)
+    for name in names:
+        tell(f"{run}, {dut}: {name}")
+        factory = model_factories([name])
+        judged = [
+            evaluate(
+                factory,
+                X,
+                table["rate_reference_dps"].to_numpy(dtype=np.float64),
+                u=table["rate_mean_u_dps"].to_numpy(dtype=np.float64),
+                groups=pd.factorize(table["chamber_setpoint_degc"])[0],
+                splits=SplitPlan(
+                    splits.random.share,
+                    splits.random.train,
+                    splits.random.seed + seed,
+                    splits.leave_temperatures_out.folds,
+                    "interleaved" if seed == 0 else "seeded",
+                ),
+                seed=seed,
+                timer=stopwatch,
+            )
+            for seed in range(seeds)
+        ]
+        fitted = judged[0].fitted[name]
+        about = (_predict_us(fitted, X), _parameters(fitted))
+        if name == names[0]:
+            yield from _lines(run, dut, UNCOMPENSATED, [one.metrics[UNCOMPENSATED] for one in judged], (None, None))
+        yield from _lines(run, dut, name, [one.metrics[name] for one in judged], about)
+
+
+def _lines(
+    run: str, dut: str, model: str, metrics: Sequence[Any], about: tuple[float | None, int | None]
+) -> Iterator[Line]:
+    for split in metrics[0]:
+        found = [one[split] for one in metrics if split in one]
+        fits = [one["fit_s"] for one in found if one["fit_s"] is not None]
+        guarded = [one["guarded"] for one in found if one.get("guarded") is not None]
+        yield Line(
+            run,
+            dut,
+            model,
+            split,
+            np.array([one["std_dps"] for one in found]),
+            np.array([one["max_abs_dps"] for one in found]),
+            float(np.median([one["floor_dps"] for one in found])),
+            int(found[0]["n"]),
+            float(np.median(fits)) if fits else None,
+            *about,
+            max(guarded) if guarded else None,
+        )
+
+
+def _predict_us(model: Any, X: NDArray[np.float64]) -> float:
+    """Time of one row in a long prediction, microseconds; the best of three."""
+    rows = np.resize(X, (PREDICTED_ROWS, X.shape[1]))
+    times = []
+    for _ in range(3):
+        began = stopwatch()
+        model.predict(rows)
+        times.append(stopwatch() - began)
+    return min(times) / PREDICTED_ROWS * 1e6
+
+
+def _parameters(model: Any) -> int | None:
+    """Numbers in the model's file that its predictions need; None for a kind that has no file."""
+    chosen = getattr(model, "best_estimator_", model)
+    try:
+        described = codec_of(kind_of(chosen)).describe(chosen)
+    except TypeError:
+        return None
+    return sum(_numbers(value) for key, value in described.items() if not key.endswith("_u"))
+
+
+def _numbers(value: Any) -> int:
+    if isinstance(value, dict):
+        return sum(_numbers(inner) for inner in value.values())
+    if isinstance(value, list):
+        return sum(_numbers(inner) for inner in value)
+    return int(isinstance(value, int | float) and not isinstance(value, bool))

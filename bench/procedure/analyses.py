@@ -1,0 +1,321 @@
+"""What a procedure may say about the analysis after the run: which models, judged on what, against which limits."""
+
+from __future__ import annotations
+
+import re
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from bench.errors import did_you_mean
+from bench.fields import Quantity, YamlMapping
+
+# Entry points of the models a `cycles` block may name.
+CYCLE_MODELS = "fogbench.cycle_models"
+# Where the table stands in one seeking.
+SEEKING_POSITIONS_DEG = (0.0, 90.0, 180.0, 270.0)
+
+_Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,63}$")]
+_Rate = Annotated[float, Quantity("dps")]
+_Time = Annotated[float, Quantity("s")]
+_Ratio = Annotated[float, Quantity("ppm")]
+_Angle = Annotated[float, Quantity("deg")]
+_Temperature = Annotated[float, Quantity("degc")]
+_Kelvin = Annotated[float, Quantity("k")]
+_Slope = Annotated[float, Quantity("degc_min")]
+_Drift = Annotated[float, Quantity("dph")]
+
+
+class RandomSplit(YamlMapping):
+    """Rows drawn at random for training: a number of rows, or a share of them."""
+
+    train: int | None = Field(default=None, gt=0)
+    share: float | None = Field(default=None, gt=0, lt=1)
+    seed: int = 0
+
+    @model_validator(mode="after")
+    def _one_of_both(self) -> RandomSplit:
+        if (self.train is None) == (self.share is None):
+            raise ValueError("a random split needs either 'train' (rows) or 'share', e.g. train: 448")
+        return self
+
+
+class LeaveTemperaturesOut(YamlMapping):
+    """Whole temperature dwells held back, in so many folds; each row is judged once."""
+
+    folds: int = Field(default=6, ge=2)
+
+
+class Splits(YamlMapping):
+    """How held-back points are chosen; both are reported."""
+
+    random: RandomSplit = Field(default_factory=lambda: RandomSplit.model_validate({"share": 0.69}))
+    leave_temperatures_out: LeaveTemperaturesOut = Field(default_factory=LeaveTemperaturesOut)
+
+
+class AnalysisLimit(YamlMapping):
+    """A limit on the held-back error of a model; an unmeasured figure does not pass."""
+
+    model: _Name
+    split: Literal["random", "leave_temperatures_out"] = "leave_temperatures_out"
+    max_abs_dps: _Rate | None = Field(default=None, gt=0)
+    std_dps: _Rate | None = Field(default=None, gt=0)
+
+    @model_validator(mode="after")
+    def _something_to_judge(self) -> AnalysisLimit:
+        if self.max_abs_dps is None and self.std_dps is None:
+            raise ValueError("a limit needs 'max_abs' or 'std', e.g. std: 0.03 deg/s")
+        return self
+
+
+class Analysis(YamlMapping):
+    """What is fitted to the points after the run, and what it must reach.
+
+    `inputs` are the model's: a temperature (the DUT's own sensor, or the chamber's readback) and the DUT's output rate.
+    """
+
+    models: list[_Name] = Field(min_length=1)
+    inputs: list[Literal["dut_temperature", "chamber_temperature", "rate"]] = Field(
+        default=["dut_temperature", "rate"], min_length=2, max_length=2
+    )
+    splits: Splits = Field(default_factory=Splits)
+    limits: list[AnalysisLimit] = Field(default_factory=list)
+    seed: int = 0
+
+    @model_validator(mode="after")
+    def _a_temperature_and_the_rate(self) -> Analysis:
+        if self.inputs[0] == "rate" or self.inputs[1] != "rate":
+            raise ValueError("'inputs' are a temperature and the rate, e.g. inputs: [dut_temperature, rate]")
+        return self
+
+
+class Reference(YamlMapping):
+    """Where the true rate of a gyro at rest is taken from: its mean output in a settled part of a record."""
+
+    record: _Name
+    from_s: _Time = Field(ge=0)
+    to_s: _Time = Field(gt=0)
+
+    @model_validator(mode="after")
+    def _upwards(self) -> Reference:
+        if self.from_s >= self.to_s:
+            raise ValueError("'from' is not before 'to'; both are times since the record began")
+        return self
+
+
+class Half(YamlMapping):
+    """A record cut in two: models learn from what is before `at`, and are judged on what is after it."""
+
+    record: _Name
+    at_s: _Time = Field(gt=0)
+
+
+class CycleLimit(YamlMapping):
+    """A limit on what a model leaves of the error in one test; an unmeasured figure does not pass."""
+
+    model: _Name
+    test: _Name
+    max_abs_dps: _Rate | None = Field(default=None, gt=0)
+    std_dps: _Rate | None = Field(default=None, gt=0)
+    times_floor: float | None = Field(default=None, gt=0)
+
+    @model_validator(mode="after")
+    def _something_to_judge(self) -> CycleLimit:
+        if self.max_abs_dps is None and self.std_dps is None and self.times_floor is None:
+            raise ValueError("a limit needs 'max_abs', 'std' or 'times_floor', e.g. times_floor: 1.2")
+        return self
+
+
+class CycleAnalysis(YamlMapping):
+    """Models of the bias over thermal cycles: the error of records at rest against temperatures and their history.
+
+    Rows are averages over `average`. The error is the output minus the reference: the mean of a settled part of a
+    record, or without it that of the first record to learn from. Models learn from the records in `train`; each of
+    `tests` names records they have not seen, each of `halves` cuts one record in two.
+    """
+
+    models: list[_Name] = Field(min_length=1)
+    temperatures: list[_Name] = Field(default=["temperature"], min_length=1)
+    average_s: _Time = Field(default=100.0, gt=0)
+    reference: Reference | None = None
+    train: list[_Name] = Field(min_length=1)
+    tests: dict[_Name, list[_Name]] = Field(default_factory=dict)
+    halves: dict[_Name, Half] = Field(default_factory=dict)
+    limits: list[CycleLimit] = Field(default_factory=list)
+    seed: int = 0
+
+
+class NorthAnalysis(YamlMapping):
+    """North seeking: records of a seeker at rest in two and four table positions, against the bench's surveyed azimuth.
+
+    `seek` names the records, each at a table position of 0, 90, 180 or 270 deg; `still` a long record at rest, whose
+    spread over `average` is the bias stability the Kalman filter takes, and whose Allan coefficients are reported
+    before and after filtering. Gyro x is the rate; gyro y and the accelerometers are the channels rate_y_dps, accel_x_g
+    and accel_y_g. `mils_per_circle` is the convention of the reported error.
+    """
+
+    seek: _Name
+    still: _Name
+    average_s: _Time = Field(default=10.0, gt=0)
+    fit_s: _Time = Field(default=30.0, gt=0)
+    mils_per_circle: float = Field(default=6000.0, gt=0)
+    max_error_mil: float | None = Field(default=None, gt=0)
+
+
+# Figure -> unit of every figure a limit may be on; the blocks of bias stability are as many as a procedure asks for.
+FIGURE_UNITS = {
+    **{"B0": "deg/h", "Br": "deg/h", "t_on": "s", "Bt": "deg/h/degC", "B_dT": "deg/h/(degC/min)", "B_hys": "deg/h"},
+    **{"K": "deg/s/(deg/s)", "F0": "deg/s", "Kn": "ppm of full scale", "Ka": "ppm", "Kr": "ppm", "Kt": "ppm/degC"},
+    **{"W_th": "deg/h", "W_res": "deg/h", "W_dz": "deg/h", "sigma_min": "deg/h", "Qn": "arcsec", "N": "deg/sqrt(h)"},
+    **{"B": "deg/h", "Krw": "deg/h/sqrt(h)", "R": "deg/h/h"},
+}
+_BLOCK_FIGURE = re.compile(r"BsT?\([0-9.]+ s\)( detrended)?")
+_FIGURE_LIMIT = re.compile(r"([0-9]*\.?[0-9]+(?:[eE][+-]?[0-9]+)?)\s+(\S.*)")
+
+
+def figure_unit(figure: str) -> str | None:
+    """The unit of a figure of a calibration; None if there is no such figure.
+
+    >>> figure_unit("Bs(100 s)"), figure_unit("Kn"), figure_unit("Bs")
+    ('deg/h', 'ppm of full scale', None)
+    """
+    return "deg/h" if _BLOCK_FIGURE.fullmatch(figure) else FIGURE_UNITS.get(figure)
+
+
+class StaticFigures(YamlMapping):
+    """Bias, bias stability and Allan coefficients, from a record at rest without its first `warm_up`.
+
+    `blocks`: averaging times of the bias stability.
+    """
+
+    record: _Name
+    warm_up_s: _Time = Field(default=0.0, ge=0)
+    blocks_s: list[_Time] = Field(default=[1.0, 10.0, 100.0], min_length=1)
+
+
+class ScaleFactorFigures(YamlMapping):
+    """K, F0, Kn and Ka at each temperature, from the points of a rate set, the rests before and after taken off.
+
+    From several temperatures Kt, from several visits to the one nearest `room` Kr, which are of power cycles only if
+    the block `power_cycles` says so.
+    """
+
+    room_degc: _Temperature = 25.0
+
+
+class TemperatureFigures(YamlMapping):
+    """Bias against temperature: Bt from records at rest at several temperatures (`soaks`), B_dT, hysteresis and the
+    bias stability over the whole cycle from records over temperature cycles (`ramps`).
+
+    Rows are averages over `average`; those that change more slowly than `moving` belong to no branch of the hysteresis,
+    which is looked for in bins of `bin`.
+    """
+
+    soaks: _Name | None = None
+    ramps: _Name | None = None
+    warm_up_s: _Time = Field(default=0.0, ge=0)
+    room_degc: _Temperature = 25.0
+    average_s: _Time = Field(default=100.0, gt=0)
+    moving_degc_min: _Slope = Field(default=0.1, gt=0)
+    bin_k: _Kelvin = Field(default=5.0, gt=0)
+
+    @model_validator(mode="after")
+    def _something_to_look_at(self) -> TemperatureFigures:
+        if self.soaks is None and self.ramps is None:
+            raise ValueError("'temperature' needs records: soaks: NAME, ramps: NAME, or both")
+        return self
+
+
+class RepeatFigures(YamlMapping):
+    """Bias repeatability: the spread of the bias of records that are alike, each without its first `warm_up`.
+
+    `between` says what is done between them; with power_off, a record begins at power-on, and with `band` the turn-on
+    time is when means over `average` stay within it, on either side of the bias of that start.
+    """
+
+    record: _Name
+    warm_up_s: _Time = Field(default=0.0, ge=0)
+    between: Literal["power_off", "thermal_excursion"] = "power_off"
+    average_s: _Time = Field(default=10.0, gt=0)
+    band_dph: _Drift | None = Field(default=None, gt=0)
+
+    @model_validator(mode="after")
+    def _turned_on(self) -> RepeatFigures:
+        if self.band_dph is not None and self.between != "power_off":
+            raise ValueError("'band' is for the turn-on time, which needs between: power_off")
+        return self
+
+
+class ThresholdFigures(YamlMapping):
+    """Threshold and dead zone from points whose input, the earth's rotation included, is within ± `span` of none;
+    resolution from points whose table rate is within ± `span` of rest."""
+
+    span_dps: _Rate = Field(gt=0)
+
+
+class GivenScaleFactor(YamlMapping):
+    """The scale factor to divide by where the run measures none: output over input, with its standard uncertainty."""
+
+    value: float = Field(default=1.0, gt=0, allow_inf_nan=False)
+    u_ppm: _Ratio = Field(default=0.0, ge=0)
+
+
+class BenchUncertainty(YamlMapping):
+    """What is known of the bench: half-widths of rectangular distributions, from its certificates.
+
+    `table`: mean rate; `latitude`; `tilt` of the input axis from the vertical; `temperature`: the DUT's own sensor.
+    """
+
+    table_ppm: _Ratio = Field(default=20.0, ge=0)
+    latitude_deg: _Angle = Field(default=0.01, ge=0)
+    tilt_deg: _Angle = Field(default=1.0 / 60.0, ge=0)
+    temperature_k: _Kelvin = Field(default=0.5, ge=0)
+
+
+class CalibrationLimit(YamlMapping):
+    """A limit on the magnitude of a figure, in the unit of the figure; where there are several of it (temperatures,
+    records), the largest counts, and one that was not measured does not pass."""
+
+    figure: str
+    max: str
+
+    @model_validator(mode="after")
+    def _of_a_figure_in_its_unit(self) -> CalibrationLimit:
+        unit, match = figure_unit(self.figure), _FIGURE_LIMIT.fullmatch(self.max.strip())
+        if unit is None:
+            raise ValueError(f"there is no figure '{self.figure}'.{did_you_mean(self.figure, ['Bs(100 s)', *FIGURE_UNITS])}")
+        if match is None or match[2] != unit:
+            raise ValueError(f"'{self.max}' is no limit on {self.figure}. Allowed: a number in {unit}, e.g. '0.1 {unit}'")
+        return self
+
+    @property
+    def value(self) -> float:
+        """The limit in the unit of its figure."""
+        match = _FIGURE_LIMIT.fullmatch(self.max.strip())
+        assert match is not None  # validated
+        return float(match[1])
+
+
+class CalibrationAnalysis(YamlMapping):
+    """The figures a laboratory reports of a gyro, each with its definition, its uncertainty and its limits.
+
+    Every block says from which records or points its figures come; those without a block are not made. All outputs
+    are divided by K, of the rate set of this run at the nearest temperature or else `k`, and then the earth's rotation
+    at the latitude of the bench is taken off.
+    """
+
+    static: StaticFigures | None = None
+    scale_factor: ScaleFactorFigures | None = None
+    temperature: TemperatureFigures | None = None
+    power_cycles: RepeatFigures | None = None
+    threshold: ThresholdFigures | None = None
+    k: GivenScaleFactor = Field(default_factory=GivenScaleFactor)
+    bench: BenchUncertainty = Field(default_factory=BenchUncertainty)
+    limits: list[CalibrationLimit] = Field(default_factory=list)
+
+    @model_validator(mode="after")
+    def _something_to_report(self) -> CalibrationAnalysis:
+        if not any((self.static, self.scale_factor, self.temperature, self.power_cycles, self.threshold)):
+            blocks = "static, scale_factor, temperature, power_cycles, threshold"
+            raise ValueError(f"'calibration' reports nothing. Allowed: one or more of {blocks}")
+        return self
