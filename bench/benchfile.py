@@ -18,13 +18,15 @@ from pydantic import Field
 
 from bench.errors import InvalidFiles, Problem, did_you_mean
 from bench.fields import Quantity, YamlMapping, validate, validate_dataclass
-from bench.procedure.language import Band, Guard, Name, Rate, Slope, Temperature
+from bench.procedure.language import Band, Guard
+from bench.procedure.values import Name, Rate, Slope, Temperature
 from bench.yamlfile import Document, Path_, load_yaml
 
-Role = Literal["chamber", "rate_table", "dut"]
+Role = Literal["chamber", "rate_table", "supply", "dut"]
 DRIVER_GROUPS: dict[str, str] = {
     "chamber": "fogbench.chambers",
     "rate_table": "fogbench.rate_tables",
+    "supply": "fogbench.power_supplies",
     "dut": "fogbench.gyros",
 }
 SIMULATED_CAN = "fogsim"
@@ -81,6 +83,25 @@ class TableSafe(YamlMapping):
     order: int = Field(default=1, ge=1, le=9)
 
 
+class SupplyLimits(YamlMapping):
+    """What the DUTs can bear: the settings of the supply's driver may ask for no more."""
+
+    voltage_v: Annotated[float, Quantity("v")] | None = Field(default=None, gt=0)
+    current_a: Annotated[float, Quantity("a")] | None = Field(default=None, gt=0)
+
+
+class SupplySafe(YamlMapping):
+    """How the supply is left on every exit: as it is (nothing is sent to it), or its output off.
+
+    `timeout`: by when it must read off. `order`: as for the chamber. A run begins with the output on: it is switched on
+    if it is off.
+    """
+
+    action: Literal["keep", "off"] = "keep"
+    timeout_s: Annotated[float, Quantity("s")] = Field(default=30.0, gt=0)
+    order: int = Field(default=1, ge=1, le=9)
+
+
 class DutLimits(YamlMapping):
     """The DUT's full scale and the temperatures it may see."""
 
@@ -113,6 +134,21 @@ class TableEntry(YamlMapping):
     safe: TableSafe = Field(default_factory=TableSafe)
 
 
+class SupplyEntry(YamlMapping):
+    """The power supply of the DUTs, switched by the verb power. `powers`: the DUTs at its output, all if left out.
+
+    `identity`: as for the chamber.
+    """
+
+    driver: str
+    port: str
+    identity: Identity | None = None
+    settings: dict[str, Any] = Field(default_factory=dict)
+    powers: list[Name] | None = Field(default=None, min_length=1)
+    limits: SupplyLimits = Field(default_factory=SupplyLimits)
+    safe: SupplySafe = Field(default_factory=SupplySafe)
+
+
 class DutEntry(YamlMapping):
     """A gyro under test, keyed by its serial number.
 
@@ -124,6 +160,9 @@ class DutEntry(YamlMapping):
     identity: Identity | None = None
     settings: dict[str, Any] = Field(default_factory=dict)
     limits: DutLimits
+
+
+Entry = ChamberEntry | TableEntry | SupplyEntry | DutEntry
 
 
 class Site(YamlMapping):
@@ -170,6 +209,7 @@ class BenchFile(YamlMapping):
     site: Site = Field(default_factory=Site)
     chamber: ChamberEntry | None = None
     rate_table: TableEntry | None = None
+    supply: SupplyEntry | None = None
     duts: dict[Name, DutEntry] = Field(default_factory=dict)
     guards: list[Guard] = Field(default_factory=list)
     links: Links = Field(default_factory=Links)
@@ -231,12 +271,21 @@ class Bench:
     chamber: Instrument | None
     rate_table: Instrument | None
     duts: dict[str, Instrument]
+    supply: Instrument | None = None
 
     @property
     def instruments(self) -> Iterator[Instrument]:
         """All instruments, commanded ones first."""
-        yield from (item for item in (self.chamber, self.rate_table) if item)
+        yield from (item for item in (self.chamber, self.rate_table, self.supply) if item)
         yield from self.duts.values()
+
+    @property
+    def powered(self) -> tuple[str, ...]:
+        """The DUTs that the supply feeds; none without one."""
+        if self.file.supply is None:
+            return ()
+        powers = self.file.supply.powers
+        return tuple(name for name in self.duts if powers is None or name in powers)
 
     @property
     def declaration_files(self) -> list[Path]:
@@ -272,20 +321,31 @@ def load_bench(
     found = [_instrument(*item, document, beside or path.parent, problems) for item in _entries(file)]
     instruments = [item for item in found if item]
     _check_ports(instruments, document, problems)
+    problems += _supply_problems(file, document)
     if not file.duts:
         problems.append(Problem(document.mark(()), "a bench needs at least one DUT under 'duts:', by serial number."))
     if problems:
         return None, problems
     by_role = {item.role: item for item in instruments}
     duts = {item.name: item for item in instruments if item.role == "dut"}
-    return Bench(file, document, by_role.get("chamber"), by_role.get("rate_table"), duts), []
+    return Bench(file, document, by_role.get("chamber"), by_role.get("rate_table"), duts, by_role.get("supply")), []
 
 
-def _entries(file: BenchFile) -> Iterator[tuple[Role, str, ChamberEntry | TableEntry | DutEntry, Path_]]:
+def _supply_problems(file: BenchFile, document: Document) -> Iterator[Problem]:
+    """DUTs named under `powers:` that are not on this bench."""
+    for index, name in enumerate(file.supply.powers or ()) if file.supply else ():
+        if name not in file.duts:
+            mark = document.mark(("supply", "powers", index))
+            yield Problem(mark, f"there is no DUT '{name}'.{did_you_mean(name, file.duts)}")
+
+
+def _entries(file: BenchFile) -> Iterator[tuple[Role, str, Entry, Path_]]:
     if file.chamber:
         yield "chamber", "chamber", file.chamber, ("chamber",)
     if file.rate_table:
         yield "rate_table", "rate table", file.rate_table, ("rate_table",)
+    if file.supply:
+        yield "supply", "power supply", file.supply, ("supply",)
     for serial, entry in file.duts.items():
         yield "dut", serial, entry, ("duts", serial)
 
@@ -298,7 +358,7 @@ def find_entry_point(group: str, name: str) -> EntryPoint | None:
 def _instrument(
     role: Role,
     name: str,
-    entry: ChamberEntry | TableEntry | DutEntry,
+    entry: Entry,
     path: Path_,
     document: Document,
     folder: Path,

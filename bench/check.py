@@ -11,6 +11,7 @@ from bench.benchfile import Bench, load_bench
 from bench.composition import check_simulation
 from bench.errors import InvalidFiles, Mark, Problem
 from bench.overrides import Override, editor
+from bench.power_problems import power_problems
 from bench.procedure.language import (
     Acquire,
     Band,
@@ -97,6 +98,7 @@ def check(
         problems += [problem for step in plan for problem in _step_problems(step, bench)]
         problems += site_problems(procedure, bench.file.site, bench.document)
         problems += [*_limit_problems(plan, procedure.head, bench), *reach_problems(plan, bench)]
+        problems += power_problems(plan, bench)
     if problems or procedure is None or bench is None:
         raise InvalidFiles(problems)
     duration_s = estimate_duration_s(plan)

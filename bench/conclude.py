@@ -25,7 +25,8 @@ if TYPE_CHECKING:
 # Patterns of the files whose hashes the manifest has: all but the journal, which checks itself, and raw files likewise.
 HASHED_FILES = (
     *("procedure.yaml", "bench.yaml", "included/*", "declarations/*", "points.csv", "points.parquet"),
-    *("timeline.parquet", "series/*.parquet", "residuals.parquet", "metrics.json", "models/*/*.json", "analyses/*"),
+    *("timeline.parquet", "series/*.parquet", "residuals.parquet", "metrics.json", "models/*/*.json"),
+    *("analyses/*", "analyses/models/*/*.json"),
 )
 ANALYSES = "analyses"
 ReportWriter = Callable[[Path], Any]

@@ -138,8 +138,9 @@ class DutLinks:
         `before_step` is called after these links were looked after.
         """
         station, now = self.station, engine.clock.now
-        for name, gyro in station.gyros.items():
-            self.links[name] = station.gyros[name] = DutLink(gyro.data_rate_hz, gyro, now)
+        for among in (station.gyros, station.off):
+            for name, gyro in among.items():
+                self.links[name] = among[name] = DutLink(gyro.data_rate_hz, gyro, now)
         for name, why in station.unheard.items():
             rate_hz = self.bench.duts[name].settings.data_rate_hz
             self.links[name] = station.absent[name] = DutLink(rate_hz, None, now, why)
@@ -152,10 +153,10 @@ class DutLinks:
         return {name: link.losses for name, link in self.links.items()}
 
     def before_step(self, engine: Engine, step: PlannedStep) -> None:
-        """Look after the links; wait if no DUT is left. Raises BenchFailure when that was for too long."""
+        """Look after the links; wait if no DUT is left, unless some are only off. Raises BenchFailure when that was for too long."""
         self.tend(engine)
         began_s = engine.clock.now()
-        while not self.station.gyros:
+        while not (self.station.gyros or self.station.off):
             if engine.clock.now() - began_s >= self.settings.patience_s:
                 why = "; ".join(f"{name}: {self.links[name].why or 'silent'}" for name in self.station.absent)
                 raise engine.fail(step, f"no DUT was heard for {format_duration(self.settings.patience_s)}: {why}")

@@ -16,7 +16,7 @@ from bench.yamlfile import Path_
 FAULTS_PATH: Path_ = ("simulation", "faults")
 EXAMPLE = "{name: loss, on: FOG-A01, probability: 1e-5}"
 
-# Name of the fault, instrument it is on ('chamber', 'rate_table' or a serial number), and its settings dataclass.
+# Name of the fault, instrument it is on ('chamber', 'rate_table', 'supply' or a serial number), and its settings class.
 NamedFault = tuple[str, str, Any]
 
 

@@ -64,7 +64,7 @@ def _drop(engine: Engine, trips: Sequence[Trip]) -> None:
         engine.readbacks.dut_degc.pop(name, None)
     if texts:
         engine.log.commit()
-        if not engine.station.gyros and not engine.station.absent:
+        if not (engine.station.gyros or engine.station.off or engine.station.absent):
             raise BenchFailure(f"no DUT is left: {'; '.join(text for why in texts.values() for text in why)}")
 
 

@@ -1,4 +1,4 @@
-"""Chamber and table that stop answering: the bench waits at rest, the link is tried again, the step is done again.
+"""Chamber, table and supply that stop answering: the bench waits at rest, the link is tried again, the step is done again.
 
 A question may be asked again at any time; a command that was under way may have been half done, so it is never simply
 repeated: the setpoints are re-established and the broken-off step begins anew. The instrument may have been off.
@@ -17,7 +17,7 @@ from bench.errors import BenchFailure
 from bench.procedure.language import ResumePolicy
 from bench.procedure.plan import PlannedStep
 from bench.resumption import Interruption, reestablish
-from bench.station import RateTable, Station, energise, identify, open_instrument
+from bench.station import RateTable, energise, identify, open_instrument
 from bench.units import format_duration
 from drivers.errors import DriverError
 
@@ -43,7 +43,7 @@ class Silent:
 
 @dataclass
 class CommandedLinks:
-    """What the engine calls when chamber or table did not answer; returns the step that is left to do."""
+    """What the engine calls when chamber, table or supply did not answer; returns the step that is left to do."""
 
     bench: Bench
     plan: Sequence[PlannedStep]
@@ -107,10 +107,10 @@ class _Search:
         finally:
             # Whoever makes the bench safe must not take a lost instrument for one that is not there.
             for name, driver in self.away.items():
-                _put(engine.station, self._named(name), driver)
+                engine.station.put(self._named(name).role, driver)
 
     def _instruments(self) -> list[Instrument]:
-        return [item for item in (self.bench.rate_table, self.bench.chamber) if item]
+        return [item for item in (self.bench.rate_table, self.bench.chamber, self.bench.supply) if item]
 
     def _named(self, name: str) -> Instrument:
         return next(item for item in self._instruments() if item.name == name)
@@ -118,7 +118,7 @@ class _Search:
     def _ask_all(self) -> None:
         """Ask everybody; who does not answer is taken out. The table, if it answers, is brought to rest."""
         for item in self._instruments():
-            driver = _driver(self.engine.station, item)
+            driver = self.engine.station.commanded(item.role)
             if not driver:
                 continue
             try:
@@ -131,7 +131,7 @@ class _Search:
     def _take_out(self, item: Instrument, driver: Any, why: str) -> None:
         engine = self.engine
         self.away[item.name], self.why = driver, why
-        _put(engine.station, item, Silent(why))
+        engine.station.put(item.role, Silent(why))
         engine.log.append("link", engine.clock.now(), instrument=item.name, state="lost", text=f"lost: {why}")
         engine.log.commit()
 
@@ -163,7 +163,7 @@ class _Search:
             engine.station.shut(name)
             raise
         del self.away[name]
-        _put(engine.station, item, driver)
+        engine.station.put(item.role, driver)
         text = f"'{found}' answers again after {format_duration(engine.clock.now() - began_s)}"
         engine.log.append("link", engine.clock.now(), instrument=name, state="restored", text=text)
         engine.log.commit()
@@ -184,17 +184,6 @@ class _Search:
                 f"was, '{found}' answers now. Connect the right instrument, then go on with: fogbench resume; it was "
                 "not commanded."
             )
-
-
-def _driver(station: Station, item: Instrument) -> Any:
-    return station.chamber if item.role == "chamber" else station.table
-
-
-def _put(station: Station, item: Instrument, driver: Any) -> None:
-    if item.role == "chamber":
-        station.chamber = driver
-    else:
-        station.table = driver
 
 
 def _take_up(engine: Engine, item: Instrument, table: RateTable) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -134,11 +135,11 @@ def outliers(values: Floats) -> NDArray[np.bool_]:
 def spikes(rate_dps: Floats, good: NDArray[np.bool_]) -> NDArray[np.bool_] | None:
     """Which good frames are spikes: at most three in a row, farther than 8 scaled MAD from the median; None if none.
 
-    Median and MAD are those of some five hundred frames, evenly spread. Where more than half of these are equal, their
-    resolution takes the place of the MAD.
+    Median and MAD are those of some five hundred frames, spread without a period. Where more than half of these are
+    equal, their resolution takes the place of the MAD.
     """
     values = rate_dps if good.all() else rate_dps[good]
-    part = values[:: max(1, values.size // SPIKE_PART)]
+    part = values[_spread(values.size)] if values.size > SPIKE_PART else values
     if part.size < HELD_LEAST:
         return None
     middle = part.size // 2
@@ -155,6 +156,15 @@ def spikes(rate_dps: Floats, good: NDArray[np.bool_]) -> NDArray[np.bool_] | Non
     found = np.zeros(rate_dps.shape, bool)
     found[np.concatenate([far[:0], *(run for run in runs if run.size <= SPIKE_FRAMES)])] = True
     return found if found.any() else None
+
+
+@lru_cache(maxsize=16)
+def _spread(size: int) -> NDArray[np.intp]:
+    """SPIKE_PART places below `size`, even but without a period: multiples of the golden ratio modulo one.
+
+    Every k-th frame would meet an encoder's ripple at one phase whenever k frames are whole turns of it.
+    """
+    return np.asarray(np.arange(SPIKE_PART) * (np.sqrt(5.0) - 1.0) / 2.0 % 1.0 * size, dtype=np.intp)
 
 
 def held_frames(raw: NDArray[np.generic]) -> int:

@@ -19,7 +19,7 @@ def refit(folder: Path, models: Sequence[str], write_report: ReportWriter | None
     entries = load_journal(folder / "journal.jsonl")
     head = head_of_run(folder, entries)
     model_factories(models)
-    if not (head.analysis or head.cycles or models):
+    if not (head.analysis or head.cycles or head.calibration or models):
         raise UserMistake(f"{folder}: its procedure has no 'analysis' block. Name what to fit: --model ts_joint")
     return conclude(folder, head, failure_of(entries), write_report, models)
 

@@ -1,4 +1,4 @@
-"""Leaving the bench safe (law 8): table to rest, chamber to its declared safe state, read back and logged.
+"""Leaving the bench safe (law 8): table to rest, chamber and supply to their declared safe states, read back and logged.
 
 Runs on every exit: success, failure, Ctrl-C, SIGTERM. Instruments come in the order that their `safe:` blocks declare.
 All of one order are commanded first and then waited for, each until its own deadline; a command or a readback that
@@ -12,10 +12,10 @@ from dataclasses import dataclass
 from itertools import groupby
 from typing import Protocol, cast
 
-from bench.benchfile import ChamberEntry, ChamberSafe, TableSafe
+from bench.benchfile import ChamberEntry, ChamberSafe, SupplySafe, TableSafe
 from bench.engine import Engine
 from bench.errors import FogbenchError
-from bench.station import Chamber, RateTable
+from bench.station import Chamber, RateTable, Supply
 from drivers.errors import DriverError
 
 NOT_SAFE = "NOT SAFE"
@@ -66,7 +66,7 @@ class _Making:
 
 
 def make_safe(engine: Engine) -> list[str]:
-    """Bring table and chamber to their safe states. Returns what did not work, in words.
+    """Bring table, chamber and supply to their safe states. Returns what did not work, in words.
 
     After a second request to stop (`hurried`) a real bench is commanded as ever but not waited for: what is not there
     at the first look is told as not safe, and the guardian sees to it.
@@ -87,6 +87,9 @@ def _states(engine: Engine) -> Iterator[_Making]:
         yield _rest(engine, station.table, file.rate_table.safe)
     if file.chamber and station.chamber is not None:
         yield _calm(engine, station.chamber, file.chamber.safe)
+    # A DUT must not be cycled by accident: a supply that is to be kept as it is hears nothing.
+    if file.supply and file.supply.safe.action == "off" and station.supply is not None:
+        yield _unpowered(station.supply, file.supply.safe)
 
 
 def _bring(engine: Engine, states: Sequence[_Making], failures: list[str]) -> None:
@@ -135,6 +138,15 @@ def _calm(engine: Engine, chamber: Chamber, safe: ChamberSafe) -> _Making:
         return _off(chamber, safe)
     asked = _Asked(engine, chamber, safe)
     return _Making("chamber", safe.order, safe.timeout_s, asked.command, asked.reached)
+
+
+def _unpowered(supply: Supply, safe: SupplySafe) -> _Making:
+    def reached() -> str:
+        if supply.is_on():
+            raise _NotYet("its output still reads on")
+        return "output off"
+
+    return _Making("power supply", safe.order, safe.timeout_s, lambda: supply.switch(False), reached)
 
 
 def _off(chamber: Chamber, safe: ChamberSafe) -> _Making:

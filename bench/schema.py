@@ -62,6 +62,9 @@ def _tidied(schema: Schema) -> Schema:
         tidy = {key: value for key, value in tidy.items() if key not in _BOUNDS}
         if isinstance(tidy.get("default"), int | float):
             tidy["default"] = f"{tidy['default']:.12g} {unit}"
+    of_items = _unit(tidy["items"]) if isinstance(tidy.get("items"), dict) else None
+    if of_items and isinstance(tidy.get("default"), list):
+        tidy["default"] = [f"{value:.12g} {of_items}" for value in tidy["default"]]
     return tidy
 
 

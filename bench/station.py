@@ -8,7 +8,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
-from bench.benchfile import Bench, CanPort, Instrument
+from bench.benchfile import Bench, CanPort, Instrument, Role
 from bench.clock import Clock
 from bench.errors import BenchFailure
 from bench.procedure.language import RampTemperature, SetTemperature
@@ -24,6 +24,8 @@ LISTENING_PERIODS = 5
 LISTENING_PERIOD_S = 0.5
 ENERGISE_TRIES = 4
 ENERGISE_WAIT_S = 0.5
+# A supply's output follows within some 100 ms; gyros begin to send within a minute of it.
+OUTPUT_LOOK_S, OUTPUT_S, START_UP_S = 0.25, 10.0, 60.0
 
 
 class Chamber(Protocol):
@@ -52,6 +54,15 @@ class RateTable(Protocol):
     def fault(self) -> str | None: ...
 
 
+class Supply(Protocol):
+    """What the engine asks of the DUTs' power supply."""
+
+    def identify(self) -> str: ...
+    def switch(self, on: bool) -> None: ...
+    def is_on(self) -> bool: ...
+    def fault(self) -> str | None: ...
+
+
 class Gyro(Protocol):
     """What the engine asks of a DUT: a stream of frames."""
 
@@ -69,26 +80,42 @@ class Gyro(Protocol):
     def meaning(self) -> Meaning: ...
 
 
+# Where the station keeps the drivers of instruments that are commanded.
+_PLACES: dict[Role, str] = {"chamber": "chamber", "rate_table": "table", "supply": "supply"}
+
+
 @dataclass
 class Station:
     """Opened drivers by role; `close` gives the ports back.
 
-    gyros: the DUTs that are listened to. absent: those that are lost for now. unheard: those that were allowed to be
-    absent from the beginning, and why they are. closers: by the instrument's name.
+    gyros: the DUTs that are listened to. off: those that were switched off, which nobody misses. absent: those that are
+    lost for now. unheard: those that were allowed to be absent from the beginning, and why they are. switched_on: the
+    supply's output was off. closers: by the instrument's name.
     """
 
     chamber: Chamber | None = None
     table: RateTable | None = None
+    supply: Supply | None = None
     gyros: dict[str, Gyro] = field(default_factory=dict)
+    off: dict[str, Gyro] = field(default_factory=dict)
     absent: dict[str, Gyro] = field(default_factory=dict)
     unheard: dict[str, str] = field(default_factory=dict)
     identities: dict[str, str] = field(default_factory=dict)
+    switched_on: bool = False
     closers: dict[str, Callable[[], None]] = field(default_factory=dict)
+
+    def commanded(self, role: Role) -> Any:
+        """The driver of chamber, rate table or supply; None if there is none."""
+        return getattr(self, _PLACES[role])
+
+    def put(self, role: Role, driver: Any) -> None:
+        """Have another driver, or none, for chamber, rate table or supply."""
+        setattr(self, _PLACES[role], driver)
 
     def drop(self, name: str) -> None:
         """Go on without a DUT for good."""
-        self.gyros.pop(name, None)
-        self.absent.pop(name, None)
+        for among in (self.gyros, self.off, self.absent):
+            among.pop(name, None)
 
     def close(self) -> None:
         """Close every port; one that fails does not keep the others open."""
@@ -102,11 +129,16 @@ class Station:
 
 
 def open_station(
-    bench: Bench, clock: Clock, duts: Collection[str] | None = None, may_be_absent: Collection[str] = ()
+    bench: Bench,
+    clock: Clock,
+    duts: Collection[str] | None = None,
+    may_be_absent: Collection[str] = (),
+    may_be_off: bool = False,
 ) -> Station:
     """Open all ports of a bench and hear from every instrument. Raises BenchFailure; nothing stays open then.
 
-    `duts`, if given, are the only ones opened; of those in `may_be_absent` it is only noted why they are not heard.
+    `duts`, if given, are the only ones opened; of those in `may_be_absent` it is only noted why they are not heard. A
+    supply's output that is off is switched on, unless it `may_be_off`: then the DUTs it feeds are not listened to.
     """
     station = Station()
     wanted = [item for item in bench.instruments if item.role != "dut" or duts is None or item.name in duts]
@@ -119,6 +151,7 @@ def open_station(
                     raise
                 station.unheard[instrument.name] = str(error)
         _identify(station, bench)
+        _power_up(station, bench, clock, may_be_off)
         _hear_gyros(station, bench, clock, may_be_absent)
     except DriverError as error:
         station.close()
@@ -183,13 +216,11 @@ def _open(station: Station, instrument: Instrument, clock: Clock) -> None:
     driver, station.closers[instrument.name] = open_instrument(instrument, clock)
     if instrument.role == "dut":
         station.gyros[instrument.name] = driver
-    elif instrument.role == "chamber":
-        station.chamber = driver
     else:
-        station.table = driver
+        station.put(instrument.role, driver)
 
 
-def identify(driver: Chamber | RateTable, instrument: Instrument) -> str:
+def identify(driver: Chamber | RateTable | Supply, instrument: Instrument) -> str:
     """Who an instrument says that it is. Raises DriverError, or BenchFailure if it is not who it should be."""
     return _expected(driver.identify(), instrument)
 
@@ -204,24 +235,21 @@ def _expected(found: str, instrument: Instrument) -> str:
 
 
 def open_commanded(bench: Bench, clock: Clock) -> tuple[Station, list[str]]:
-    """Open what can be opened of chamber and table and is what it should be; and what failed.
+    """Open what can be opened of chamber and table, and of a supply that is to be switched off, and is what it should
+    be; and what failed.
 
     Each is asked who it is before it is commanded: a port may by now lead to something else.
     """
     station, failures = Station(), []
-    for instrument in (bench.rate_table, bench.chamber):
+    switched = bench.file.supply is not None and bench.file.supply.safe.action == "off"
+    for instrument in (bench.rate_table, bench.chamber, bench.supply if switched else None):
         if instrument is not None:
             try:
                 _open(station, instrument, clock)
-                driver = station.chamber if instrument.role == "chamber" else station.table
-                assert driver is not None
-                identify(driver, instrument)
+                identify(station.commanded(instrument.role), instrument)
             except (DriverError, BenchFailure) as error:
                 failures.append(str(error))
-                if instrument.role == "chamber":
-                    station.chamber = None
-                else:
-                    station.table = None
+                station.put(instrument.role, None)
     return station, failures
 
 
@@ -230,6 +258,44 @@ def _identify(station: Station, bench: Bench) -> None:
         station.identities[bench.chamber.name] = identify(station.chamber, bench.chamber)
     if station.table and bench.rate_table:
         station.identities[bench.rate_table.name] = identify(station.table, bench.rate_table)
+    if station.supply and bench.supply:
+        station.identities[bench.supply.name] = identify(station.supply, bench.supply)
+
+
+def switch_output(supply: Supply, on: bool, clock: Clock, timeout_s: float = OUTPUT_S) -> str | None:
+    """Switch the output unless it is so already, and wait until it reads so; what is wrong if it does not.
+
+    Raises DriverError.
+    """
+    if supply.is_on() == on:
+        return None
+    began_s = clock.now()
+    supply.switch(on)
+    while supply.is_on() != on:
+        if clock.now() - began_s >= timeout_s:
+            was = "off" if on else "on"
+            return f"the supply's output still reads {was} {timeout_s:g} s after it was switched {'on' if on else 'off'}"
+        clock.wait(OUTPUT_LOOK_S)
+    return None
+
+
+def _power_up(station: Station, bench: Bench, clock: Clock, may_be_off: bool) -> None:
+    """Have the DUTs under power, and give them time to start."""
+    if station.supply is None or station.supply.is_on():
+        return
+    fed = [name for name in bench.powered if name in station.gyros]
+    if may_be_off:
+        for name in fed:
+            station.off[name] = station.gyros.pop(name)
+            station.identities[name] = _expected(station.off[name].describe(), bench.duts[name])
+        return
+    if wrong := switch_output(station.supply, True, clock):
+        raise BenchFailure(f"{bench.supply.where if bench.supply else ''}: {wrong}. Does its current limit hold it?")
+    station.switched_on = True
+    began_s, silent = clock.now(), set(fed)
+    while silent and clock.now() - began_s < START_UP_S:
+        clock.wait(LISTENING_PERIOD_S)
+        silent -= {name for name in silent if len(station.gyros[name].take())}
 
 
 def _hear_gyros(station: Station, bench: Bench, clock: Clock, may_be_absent: Collection[str]) -> None:

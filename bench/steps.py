@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import cast
 
 from bench.engine import Engine
+from bench.power import power
 from bench.procedure.language import (
     Dwell,
     GoToPosition,
@@ -185,6 +186,7 @@ STEPS: dict[str, Callable[[Engine, PlannedStep], None]] = {
         settle,
         go_to_position,
         dwell,
+        power,
         acquire,
         record,
         end_record,

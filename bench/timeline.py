@@ -10,7 +10,9 @@ from bench.procedure.language import RampTemperature, Soak
 from bench.procedure.plan import PlannedStep
 from bench.units import format_duration
 
-_KINDS = {"set_temperature": "ramp", "ramp_temperature": "ramp", "soak": "soak", "dwell": "dwell", "note": "note"}
+_KINDS = {"set_temperature": "ramp", "ramp_temperature": "ramp"} | {
+    verb: verb for verb in ("soak", "dwell", "power", "note")
+}
 
 
 @dataclass(frozen=True)

@@ -45,6 +45,8 @@ DIMENSIONS: dict[str, Dimension] = {
     "ppm_k": Dimension("scale-factor slope", {"ppm/K": 1, "ppm/degC": 1}, "5 ppm/K"),
     "ppm_k2": Dimension("scale-factor curvature", {"ppm/K^2": 1, "ppm/degC^2": 1}, "0.1 ppm/K^2"),
     "dph_k": Dimension("bias slope", {"deg/h/K": 1, "deg/h/degC": 1}, "0.02 deg/h/K"),
+    "v": Dimension("voltage", {"V": 1, "mV": 1e-3}, "28 V"),
+    "a": Dimension("current", {"A": 1, "mA": 1e-3}, "2 A"),
     "w": Dimension("power", {"W": 1, "kW": 1e3}, "2 kW"),
     "w_k": Dimension("heat conductance", {"W/K": 1}, "100 W/K"),
     "j_k": Dimension("heat capacity", {"J/K": 1, "kJ/K": 1e3}, "4 kJ/K"),

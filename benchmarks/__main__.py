@@ -1,13 +1,14 @@
-"""python3 do.py bench [streams] [fitting] [campaign] [commands] [random_errors]: all of them, or those named."""
+"""python3 do.py bench [NAME...]: all benchmarks, or those named (streams, fitting, cycles, campaign ...)."""
 
 import sys
 
-from benchmarks import campaign, commands, fitting, random_errors, streams
+from benchmarks import campaign, commands, cycles, fitting, random_errors, streams
 
 ALL = {
     "commands": commands.main,
     "streams": streams.main,
     "fitting": fitting.main,
+    "cycles": cycles.main,
     "campaign": campaign.main,
     "random_errors": random_errors.main,
 }

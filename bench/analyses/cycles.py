@@ -13,6 +13,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from bench.analyses.context import Analysed, Context, Judged, Metrics
+from bench.analyses.unsmoothed import unsmoothed
 from bench.clock import stopwatch
 from bench.errors import UserMistake, did_you_mean
 from bench.points import write_table
@@ -20,9 +21,11 @@ from bench.procedure.analyses import CYCLE_MODELS, CycleAnalysis
 from bench.rawstore import RawFileDamaged
 from bench.series import Columns, SeriesIncomplete, read_parts
 from fitting.judging import Candidate, Judgement, Part, judge
+from fitting.modelfile import ModelFileError, save_model
+from fitting.modelfiles.columns import BIAS_ERROR_DPS
 from fitting.validation import ValidationError
 
-FOLDER, ROWS = "analyses", "cycles.parquet"
+FOLDER, ROWS, MODELS = "analyses", "cycles.parquet", "models"
 
 Floats = NDArray[np.float64]
 
@@ -84,6 +87,7 @@ class CycleResult:
     """The judgement of one DUT, and for each of its rows the record and the time since that began."""
 
     judgement: Judgement
+    truth_dps: float
     labels: NDArray[np.str_]
     t_s: Floats
     error_dps: Floats
@@ -93,7 +97,8 @@ def analyse_dut(folder: Path, finished: Sequence[Mapping[str, Any]], dut: str, s
     """Rows, error and models of one DUT. Raises UserMistake, ValidationError, or what reading the parts raises."""
     records = _records(folder, finished, dut, spec)
     order = np.concatenate([np.full(len(one.t_s), k) for k, one in enumerate(records.values())])
-    error = np.concatenate([one.rate_dps for one in records.values()]) - _truth(records, spec)
+    truth_dps = _truth(records, spec)
+    error = np.concatenate([one.rate_dps for one in records.values()]) - truth_dps
     u = np.concatenate([one.u_dps for one in records.values()])
     candidates = {
         name: Candidate(
@@ -106,7 +111,7 @@ def analyse_dut(folder: Path, finished: Sequence[Mapping[str, Any]], dut: str, s
     labels = np.concatenate([np.full(len(one.t_s), label) for label, one in records.items()])
     t_s = np.concatenate([one.t_s for one in records.values()])
     judgement = judge(candidates, error, u, _parts(labels, t_s, spec), order, spec.seed, stopwatch)
-    return CycleResult(judgement, labels, t_s, error)
+    return CycleResult(judgement, truth_dps, labels, t_s, error)
 
 
 def _records(
@@ -170,12 +175,45 @@ def analyse(context: Context) -> Analysed:
             notes.append(f"{dut}: no fit: {error}")
             continue
         metrics[dut] = dict(result.judgement.metrics)
+        _add_unsmoothed(context, dut, spec, result, metrics[dut])
         kept.append(_rows(result, dut))
+        notes += _save_models(context, dut, spec, result)
     if kept:
         (context.folder / FOLDER).mkdir(exist_ok=True)
         write_table(context.folder / FOLDER / ROWS, pd.concat(kept, ignore_index=True))
     judged = judge_limits(spec, metrics, context.duts)
     return Analysed(judged=judged, notes=notes, documents={"cycles": metrics})
+
+
+def _save_models(context: Context, dut: str, spec: CycleAnalysis, result: CycleResult) -> list[str]:
+    """Write the fitted models; a model of a kind that has no file format is named and costs the others nothing."""
+    folder = context.folder / FOLDER / MODELS / dut
+    folder.mkdir(parents=True, exist_ok=True)
+    failures = []
+    for name, model in cycle_models(spec.models).items():
+        figures = {test: dict(values) for test, values in result.judgement.metrics[name].items()}
+        about = {"run_id": context.run_id, "dut": dut, "model": name, "average_s": spec.average_s}
+        columns, fitted = model.inputs(spec.temperatures), result.judgement.fitted[name]
+        try:
+            save_model(folder / f"{name}.json", fitted, about, figures, inputs=columns, output=BIAS_ERROR_DPS)
+        except ModelFileError as error:
+            failures.append(f"{dut}: {error}")
+    return failures
+
+
+def _add_unsmoothed(
+    context: Context, dut: str, spec: CycleAnalysis, result: CycleResult, metrics: dict[str, Any]
+) -> None:
+    """The same models on every frame of the first record they have not seen, as test 'unsmoothed'."""
+    unseen = [labels[0] for labels in spec.tests.values()]
+    about = next((one for one in context.series if one["dut"] == dut and one["label"] in unseen[:1]), None)
+    if about is None:
+        return
+    fitted = result.judgement.fitted
+    models = {name: (model, fitted[name]) for name, model in cycle_models(spec.models).items()}
+    names = [name if name.endswith("_degc") else f"{name}_degc" for name in spec.temperatures]
+    for name, figures in unsmoothed(context.recorded, about, names, result.truth_dps, models).items():
+        metrics[name]["unsmoothed"] = figures
 
 
 def _rows(result: CycleResult, dut: str) -> pd.DataFrame:

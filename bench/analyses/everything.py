@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from bench.analyses import cycles, models, north
+from bench.analyses import calibration, cycles, models, north
 from bench.analyses.context import Analysed, Context
 
-KINDS = (models.analyse, cycles.analyse, north.analyse)
+KINDS = (models.analyse, cycles.analyse, north.analyse, calibration.analyse)
 
 
 def analyse(context: Context) -> Analysed:

@@ -17,6 +17,13 @@ from bench.cli.options import json_option, results_option
 @click.option(
     "--map", "columns", multiple=True, metavar="INPUT=COLUMN,...", help="Which columns of FILE the model's inputs are."
 )
+@click.option(
+    "--period",
+    "period_s",
+    type=click.FloatRange(min=0, min_open=True),
+    metavar="SECONDS",
+    help="Between rows of FILE, for models of thermal history; without it, as in their training.",
+)
 @click.option("--dut", metavar="DUT", help="Of RUN: this gyro.")
 @click.option("--model", "name", metavar="NAME", help="Of RUN: this model.")
 @results_option
@@ -26,6 +33,7 @@ def command(
     file: Path,
     out: Path,
     columns: tuple[str, ...],
+    period_s: float | None,
     dut: str | None,
     name: str | None,
     results: Path,
@@ -43,7 +51,7 @@ def command(
     from bench.userdata.compensate import compensate_file
 
     compensation = load(the_model(model, dut, name, results))
-    done = compensate_file(compensation, file, columns, out)
+    done = compensate_file(compensation, file, columns, out, period_s)
     if as_json:
         print_json(done.as_dict())
         return

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     "columns",
     multiple=True,
     metavar="QUANTITY=COLUMN,...",
-    help="Of DATA: which columns hold temperature (several: T1+T2), rate, truth (or a number) and group.",
+    help="Of DATA: which columns hold temperature (several: T1+T2), rate, truth (or a number), group and time.",
 )
 @click.option("-o", "out", type=click.Path(path_type=Path, dir_okay=False), help="Of DATA: the model file to write.")
 @results_option
@@ -38,6 +38,7 @@ def command(
     DATA  writes the model file given by -o. Rates are in deg/s, temperatures in degC. truth=COL is the true
           rate, and the model gives it; truth=0 says that the gyro was at rest, and the model gives its error.
           Rows of one group (a dwell, a cycle) are held back together when the model is judged.
+          time=COL, in s and even, lets the model of a gyro at rest look at the history of its temperature.
     """
     from bench.userdata.tables import is_table
 

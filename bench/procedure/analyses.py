@@ -3,27 +3,18 @@
 from __future__ import annotations
 
 import re
-from typing import Annotated, Literal
+from typing import Literal
 
 from pydantic import Field, model_validator
 
 from bench.errors import did_you_mean
-from bench.fields import Quantity, YamlMapping
+from bench.fields import YamlMapping
+from bench.procedure.values import Angle, Drift, Kelvin, Name, Rate, Ratio, Slope, Temperature, Time
 
 # Entry points of the models a `cycles` block may name.
 CYCLE_MODELS = "fogbench.cycle_models"
 # Where the table stands in one seeking.
 SEEKING_POSITIONS_DEG = (0.0, 90.0, 180.0, 270.0)
-
-_Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,63}$")]
-_Rate = Annotated[float, Quantity("dps")]
-_Time = Annotated[float, Quantity("s")]
-_Ratio = Annotated[float, Quantity("ppm")]
-_Angle = Annotated[float, Quantity("deg")]
-_Temperature = Annotated[float, Quantity("degc")]
-_Kelvin = Annotated[float, Quantity("k")]
-_Slope = Annotated[float, Quantity("degc_min")]
-_Drift = Annotated[float, Quantity("dph")]
 
 
 class RandomSplit(YamlMapping):
@@ -56,10 +47,10 @@ class Splits(YamlMapping):
 class AnalysisLimit(YamlMapping):
     """A limit on the held-back error of a model; an unmeasured figure does not pass."""
 
-    model: _Name
+    model: Name
     split: Literal["random", "leave_temperatures_out"] = "leave_temperatures_out"
-    max_abs_dps: _Rate | None = Field(default=None, gt=0)
-    std_dps: _Rate | None = Field(default=None, gt=0)
+    max_abs_dps: Rate | None = Field(default=None, gt=0)
+    std_dps: Rate | None = Field(default=None, gt=0)
 
     @model_validator(mode="after")
     def _something_to_judge(self) -> AnalysisLimit:
@@ -74,7 +65,7 @@ class Analysis(YamlMapping):
     `inputs` are the model's: a temperature (the DUT's own sensor, or the chamber's readback) and the DUT's output rate.
     """
 
-    models: list[_Name] = Field(min_length=1)
+    models: list[Name] = Field(min_length=1)
     inputs: list[Literal["dut_temperature", "chamber_temperature", "rate"]] = Field(
         default=["dut_temperature", "rate"], min_length=2, max_length=2
     )
@@ -92,9 +83,9 @@ class Analysis(YamlMapping):
 class Reference(YamlMapping):
     """Where the true rate of a gyro at rest is taken from: its mean output in a settled part of a record."""
 
-    record: _Name
-    from_s: _Time = Field(ge=0)
-    to_s: _Time = Field(gt=0)
+    record: Name
+    from_s: Time = Field(ge=0)
+    to_s: Time = Field(gt=0)
 
     @model_validator(mode="after")
     def _upwards(self) -> Reference:
@@ -106,17 +97,17 @@ class Reference(YamlMapping):
 class Half(YamlMapping):
     """A record cut in two: models learn from what is before `at`, and are judged on what is after it."""
 
-    record: _Name
-    at_s: _Time = Field(gt=0)
+    record: Name
+    at_s: Time = Field(gt=0)
 
 
 class CycleLimit(YamlMapping):
     """A limit on what a model leaves of the error in one test; an unmeasured figure does not pass."""
 
-    model: _Name
-    test: _Name
-    max_abs_dps: _Rate | None = Field(default=None, gt=0)
-    std_dps: _Rate | None = Field(default=None, gt=0)
+    model: Name
+    test: Name
+    max_abs_dps: Rate | None = Field(default=None, gt=0)
+    std_dps: Rate | None = Field(default=None, gt=0)
     times_floor: float | None = Field(default=None, gt=0)
 
     @model_validator(mode="after")
@@ -134,13 +125,13 @@ class CycleAnalysis(YamlMapping):
     `tests` names records they have not seen, each of `halves` cuts one record in two.
     """
 
-    models: list[_Name] = Field(min_length=1)
-    temperatures: list[_Name] = Field(default=["temperature"], min_length=1)
-    average_s: _Time = Field(default=100.0, gt=0)
+    models: list[Name] = Field(min_length=1)
+    temperatures: list[Name] = Field(default=["temperature"], min_length=1)
+    average_s: Time = Field(default=100.0, gt=0)
     reference: Reference | None = None
-    train: list[_Name] = Field(min_length=1)
-    tests: dict[_Name, list[_Name]] = Field(default_factory=dict)
-    halves: dict[_Name, Half] = Field(default_factory=dict)
+    train: list[Name] = Field(min_length=1)
+    tests: dict[Name, list[Name]] = Field(default_factory=dict)
+    halves: dict[Name, Half] = Field(default_factory=dict)
     limits: list[CycleLimit] = Field(default_factory=list)
     seed: int = 0
 
@@ -154,20 +145,37 @@ class NorthAnalysis(YamlMapping):
     and accel_y_g. `mils_per_circle` is the convention of the reported error.
     """
 
-    seek: _Name
-    still: _Name
-    average_s: _Time = Field(default=10.0, gt=0)
-    fit_s: _Time = Field(default=30.0, gt=0)
+    seek: Name
+    still: Name
+    average_s: Time = Field(default=10.0, gt=0)
+    fit_s: Time = Field(default=30.0, gt=0)
     mils_per_circle: float = Field(default=6000.0, gt=0)
     max_error_mil: float | None = Field(default=None, gt=0)
 
 
 # Figure -> unit of every figure a limit may be on; the blocks of bias stability are as many as a procedure asks for.
 FIGURE_UNITS = {
-    **{"B0": "deg/h", "Br": "deg/h", "t_on": "s", "Bt": "deg/h/degC", "B_dT": "deg/h/(degC/min)", "B_hys": "deg/h"},
-    **{"K": "deg/s/(deg/s)", "F0": "deg/s", "Kn": "ppm of full scale", "Ka": "ppm", "Kr": "ppm", "Kt": "ppm/degC"},
-    **{"W_th": "deg/h", "W_res": "deg/h", "W_dz": "deg/h", "sigma_min": "deg/h", "Qn": "arcsec", "N": "deg/sqrt(h)"},
-    **{"B": "deg/h", "Krw": "deg/h/sqrt(h)", "R": "deg/h/h"},
+    "B0": "deg/h",
+    "Br": "deg/h",
+    "t_on": "s",
+    "Bt": "deg/h/degC",
+    "B_dT": "deg/h/(degC/min)",
+    "B_hys": "deg/h",
+    "K": "deg/s/(deg/s)",
+    "F0": "deg/s",
+    "Kn": "ppm of full scale",
+    "Ka": "ppm",
+    "Kr": "ppm",
+    "Kt": "ppm/degC",
+    "W_th": "deg/h",
+    "W_res": "deg/h",
+    "W_dz": "deg/h",
+    "sigma_min": "deg/h",
+    "Qn": "arcsec",
+    "N": "deg/sqrt(h)",
+    "B": "deg/h",
+    "Krw": "deg/h/sqrt(h)",
+    "R": "deg/h/h",
 }
 _BLOCK_FIGURE = re.compile(r"BsT?\([0-9.]+ s\)( detrended)?")
 _FIGURE_LIMIT = re.compile(r"([0-9]*\.?[0-9]+(?:[eE][+-]?[0-9]+)?)\s+(\S.*)")
@@ -188,9 +196,9 @@ class StaticFigures(YamlMapping):
     `blocks`: averaging times of the bias stability.
     """
 
-    record: _Name
-    warm_up_s: _Time = Field(default=0.0, ge=0)
-    blocks_s: list[_Time] = Field(default=[1.0, 10.0, 100.0], min_length=1)
+    record: Name
+    warm_up_s: Time = Field(default=0.0, ge=0)
+    blocks_s: list[Time] = Field(default=[1.0, 10.0, 100.0], min_length=1)
 
 
 class ScaleFactorFigures(YamlMapping):
@@ -200,7 +208,7 @@ class ScaleFactorFigures(YamlMapping):
     the block `power_cycles` says so.
     """
 
-    room_degc: _Temperature = 25.0
+    room_degc: Temperature = 25.0
 
 
 class TemperatureFigures(YamlMapping):
@@ -211,13 +219,13 @@ class TemperatureFigures(YamlMapping):
     which is looked for in bins of `bin`.
     """
 
-    soaks: _Name | None = None
-    ramps: _Name | None = None
-    warm_up_s: _Time = Field(default=0.0, ge=0)
-    room_degc: _Temperature = 25.0
-    average_s: _Time = Field(default=100.0, gt=0)
-    moving_degc_min: _Slope = Field(default=0.1, gt=0)
-    bin_k: _Kelvin = Field(default=5.0, gt=0)
+    soaks: Name | None = None
+    ramps: Name | None = None
+    warm_up_s: Time = Field(default=0.0, ge=0)
+    room_degc: Temperature = 25.0
+    average_s: Time = Field(default=100.0, gt=0)
+    moving_degc_min: Slope = Field(default=0.1, gt=0)
+    bin_k: Kelvin = Field(default=5.0, gt=0)
 
     @model_validator(mode="after")
     def _something_to_look_at(self) -> TemperatureFigures:
@@ -233,11 +241,11 @@ class RepeatFigures(YamlMapping):
     time is when means over `average` stay within it, on either side of the bias of that start.
     """
 
-    record: _Name
-    warm_up_s: _Time = Field(default=0.0, ge=0)
+    record: Name
+    warm_up_s: Time = Field(default=0.0, ge=0)
     between: Literal["power_off", "thermal_excursion"] = "power_off"
-    average_s: _Time = Field(default=10.0, gt=0)
-    band_dph: _Drift | None = Field(default=None, gt=0)
+    average_s: Time = Field(default=10.0, gt=0)
+    band_dph: Drift | None = Field(default=None, gt=0)
 
     @model_validator(mode="after")
     def _turned_on(self) -> RepeatFigures:
@@ -250,14 +258,14 @@ class ThresholdFigures(YamlMapping):
     """Threshold and dead zone from points whose input, the earth's rotation included, is within ± `span` of none;
     resolution from points whose table rate is within ± `span` of rest."""
 
-    span_dps: _Rate = Field(gt=0)
+    span_dps: Rate = Field(gt=0)
 
 
 class GivenScaleFactor(YamlMapping):
     """The scale factor to divide by where the run measures none: output over input, with its standard uncertainty."""
 
     value: float = Field(default=1.0, gt=0, allow_inf_nan=False)
-    u_ppm: _Ratio = Field(default=0.0, ge=0)
+    u_ppm: Ratio = Field(default=0.0, ge=0)
 
 
 class BenchUncertainty(YamlMapping):
@@ -266,10 +274,10 @@ class BenchUncertainty(YamlMapping):
     `table`: mean rate; `latitude`; `tilt` of the input axis from the vertical; `temperature`: the DUT's own sensor.
     """
 
-    table_ppm: _Ratio = Field(default=20.0, ge=0)
-    latitude_deg: _Angle = Field(default=0.01, ge=0)
-    tilt_deg: _Angle = Field(default=1.0 / 60.0, ge=0)
-    temperature_k: _Kelvin = Field(default=0.5, ge=0)
+    table_ppm: Ratio = Field(default=20.0, ge=0)
+    latitude_deg: Angle = Field(default=0.01, ge=0)
+    tilt_deg: Angle = Field(default=1.0 / 60.0, ge=0)
+    temperature_k: Kelvin = Field(default=0.5, ge=0)
 
 
 class CalibrationLimit(YamlMapping):
@@ -283,9 +291,13 @@ class CalibrationLimit(YamlMapping):
     def _of_a_figure_in_its_unit(self) -> CalibrationLimit:
         unit, match = figure_unit(self.figure), _FIGURE_LIMIT.fullmatch(self.max.strip())
         if unit is None:
-            raise ValueError(f"there is no figure '{self.figure}'.{did_you_mean(self.figure, ['Bs(100 s)', *FIGURE_UNITS])}")
+            raise ValueError(
+                f"there is no figure '{self.figure}'.{did_you_mean(self.figure, ['Bs(100 s)', *FIGURE_UNITS])}"
+            )
         if match is None or match[2] != unit:
-            raise ValueError(f"'{self.max}' is no limit on {self.figure}. Allowed: a number in {unit}, e.g. '0.1 {unit}'")
+            raise ValueError(
+                f"'{self.max}' is no limit on {self.figure}. Allowed: a number in {unit}, e.g. '0.1 {unit}'"
+            )
         return self
 
     @property

@@ -6,24 +6,13 @@ Field names carry the unit suffix, YAML keys do not (`bench.fields`). The docstr
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
 from pydantic import Field, model_validator
 
-from bench.fields import Quantity, YamlMapping
+from bench.fields import YamlMapping
 from bench.procedure.analyses import Analysis, CalibrationAnalysis, CycleAnalysis, NorthAnalysis
-
-Time = Annotated[float, Quantity("s")]
-Temperature = Annotated[float, Quantity("degc")]
-Kelvin = Annotated[float, Quantity("k")]
-Ratio = Annotated[float, Quantity("ppm")]
-Slope = Annotated[float, Quantity("degc_min")]
-Rate = Annotated[float, Quantity("dps")]
-Angle = Annotated[float, Quantity("deg")]
-
-Order = Literal["up", "down", "alternate", "random"]
-Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,63}$")]
-
+from bench.procedure.values import Angle, Kelvin, Name, Order, Rate, Ratio, Slope, Temperature, Time
 
 # The engine keeps the DUT temperatures of this long (engine.HISTORY_S); a slope over more would never be known.
 MAX_SLOPE_WINDOW_S = 4 * 3600.0
@@ -132,6 +121,20 @@ class Acquire(YamlMapping):
         return float(self.samples * self.every_s)
 
 
+class Power(YamlMapping):
+    """Switch the DUTs that the bench's supply feeds off or on, and wait until its output reads so.
+
+    After switching on it is waited, up to `timeout`, until each of them sends; one that does not is left out like any
+    silent DUT. A run begins with the DUTs on. While they are off they are not missed, and nothing of them can be
+    acquired. To have a turn-on from its first frame, begin the record before it: its rows then begin with that frame.
+    A supply has one output: `duts` are all that it feeds.
+    """
+
+    duts: Literal["all"] | list[Name] = "all"
+    to: Literal["on", "off"]
+    timeout_s: Time = Field(default=60.0, gt=0)
+
+
 class TemperatureRange(YamlMapping):
     """Temperatures from … to by step, both ends included."""
 
@@ -230,6 +233,7 @@ VERBS: dict[str, type[YamlMapping]] = {
     "settle": Settle,
     "go_to_position": GoToPosition,
     "dwell": Dwell,
+    "power": Power,
     "acquire": Acquire,
     "sweep": Sweep,
     "repeat": Repeat,
@@ -246,6 +250,7 @@ SHORT_FORM = {
     "set_temperature": "to",
     "set_rate": "to",
     "go_to_position": "to",
+    "power": "to",
     "soak": "for",
     "dwell": "for",
     "include": "file",

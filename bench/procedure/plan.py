@@ -15,6 +15,7 @@ from bench.procedure.language import (
     EndRecord,
     GoToPosition,
     PositionRange,
+    Power,
     RampTemperature,
     RateRange,
     Record,
@@ -38,7 +39,7 @@ class PlannedStep:
 
     `dwell` counts the temperatures visited (0 before the first), `point` the acquisitions (None for other verbs).
     `record` is the label of the record a step begins, ends or is inside of, `record_step` the number of the step that
-    begins it.
+    begins it. `off`: the DUTs that the supply feeds are switched off.
     """
 
     number: int
@@ -52,6 +53,7 @@ class PlannedStep:
     position_deg: float | None = None
     record: str | None = None
     record_step: int | None = None
+    off: bool = False
 
 
 @dataclass
@@ -66,6 +68,7 @@ class _State:
     position_deg: float | None = None
     record: str | None = None
     record_step: int | None = None
+    off: bool = False
     labels: dict[str, int] = field(default_factory=dict)
     entered: dict[int, int] = field(default_factory=dict)
     malformed: set[int] = field(default_factory=set)
@@ -78,6 +81,8 @@ class _State:
             self.rate_dps, self.position_deg = args.to_dps, None
         elif isinstance(args, GoToPosition):
             self.rate_dps, self.position_deg = 0.0, args.to_deg
+        elif isinstance(args, Power):
+            self.off = args.to == "off"
         elif isinstance(args, Record):
             self.record, self.record_step = self._label(args.name), len(self.plan) + 1
         point = None
@@ -96,6 +101,7 @@ class _State:
             self.position_deg,
             self.record,
             self.record_step,
+            self.off,
         )
         self.plan.append(step)
         if isinstance(args, EndRecord):

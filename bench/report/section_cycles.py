@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -17,7 +18,7 @@ from bench.report.tables import Cell, Column, Table, table
 from bench.report.wording import model_name
 
 DPH_PER_DPS = 3600.0
-UNCOMPENSATED, TRAIN = "none", "train"
+UNCOMPENSATED, TRAIN, UNSMOOTHED = "none", "train", "unsmoothed"
 
 # What the papers print, in words; their gyros are not ours.
 PUBLISHED = {
@@ -57,12 +58,15 @@ def cycles(data: ReportData) -> Section | None:
         "model has learned from, where it falls back."
     )
     tables = [_table(dut, models) for dut, models in metrics.items()]
+    unsmoothed = [dut for dut, models in metrics.items() if UNSMOOTHED in models.get(UNCOMPENSATED, {})]
+    if unsmoothed:
+        tables.append(_unsmoothed({dut: metrics[dut] for dut in unsmoothed}))
     remarks += PUBLISHED.get(data.manifest.procedure.experiment or "", ())
     return Section("cycles", "Thermal cycles", (paragraph,), tuple(tables), tuple(drawn), tuple(remarks))
 
 
 def _table(dut: str, models: Figures) -> Table:
-    tests = list(dict.fromkeys(test for by in models.values() for test in by))
+    tests = list(dict.fromkeys(test for by in models.values() for test in by if test != UNSMOOTHED))
     columns = [Column("Model", False)]
     groups = [("", 1)]
     for test in tests:
@@ -75,6 +79,34 @@ def _table(dut: str, models: Figures) -> Table:
     rows = [_row(model, by, tests, first, raw) for model, by in models.items()]
     caption = f"DUT {dut}: what each model leaves. Better: than not compensated."
     return table(caption, columns, rows, groups)
+
+
+def _unsmoothed(metrics: Mapping[str, Figures]) -> Table:
+    """The models on what was not averaged: spread of single rows or frames, and how much of it they took away."""
+    names = list(dict.fromkeys(model for models in metrics.values() for model in models))
+    columns = [Column("Model", False)]
+    columns += [Column(text) for dut in metrics for text in (f"{dut}, std °/h", "taken off, °/h")]
+    rows: list[list[str | Cell]] = []
+    for name in names:
+        row: list[str | Cell] = [model_name(name)]
+        for models in metrics.values():
+            row += _taken_off(
+                *(models.get(key, {}).get(UNSMOOTHED, {}).get("std_dps") for key in (UNCOMPENSATED, name))
+            )
+        rows.append(row)
+    one = next(iter(metrics.values()))[UNCOMPENSATED][UNSMOOTHED]
+    caption = (
+        f"The same models applied to the unsmoothed output, {one['rate_hz']:g} Hz, of the first record not seen. The "
+        "noise of a single frame is most of its std; taken off is the root of the difference of the squares."
+    )
+    return table(caption, columns, rows)
+
+
+def _taken_off(before: float | None, after: float | None) -> list[str]:
+    """What is left, and the root of the difference of the squares, negative if there is more than before."""
+    if before is None or after is None:
+        return [_dph(after), MISSING]
+    return [_dph(after), _dph(math.copysign(abs(before**2 - after**2) ** 0.5, before - after))]
 
 
 def _row(
@@ -106,7 +138,7 @@ def _figures(data: ReportData, metrics: Mapping[str, Figures], remarks: list[str
         return []
     drawn = []
     for number, (dut, models) in enumerate(metrics.items()):
-        tests = [test for test in models.get(UNCOMPENSATED, {}) if test != TRAIN]
+        tests = [test for test in models.get(UNCOMPENSATED, {}) if test not in (TRAIN, UNSMOOTHED)]
         if tests:
             drawn.append(_figure(rows[(rows["dut"] == dut) & (rows["split"] == tests[0])], dut, tests[0], number))
     return drawn

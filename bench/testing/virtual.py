@@ -58,7 +58,7 @@ class VirtualBench:
     faults: Sequence[Settings] = ()
 
     def fault(self, name: str, on: str, **about: Any) -> VirtualBench:
-        """The bench with one more fault, by name, on 'chamber', 'rate_table' or a DUT's serial number.
+        """The bench with one more fault, by name, on 'chamber', 'rate_table', 'supply' or a DUT's serial number.
 
         `about` are the keys of the fault as the bench file has them: at="30 min", probability=1e-3,
         when={"chamber_below": "-10 degC"}; Python's keyword is written with an underscore, for_="10 min".
@@ -162,7 +162,7 @@ def _plain(value: Any) -> Any:
 def _rewired(bench: Settings) -> Iterator[Override]:
     """Simulated ports in the place of real ones. What is no bench file is left for its check to refuse."""
     duts = bench.get("duts")
-    places = [(name,) for name in ("chamber", "rate_table")]
+    places = [(name,) for name in ("chamber", "rate_table", "supply")]
     for path in [*places, *(("duts", str(serial)) for serial in (duts if isinstance(duts, dict) else ()))]:
         entry = bench
         for part in path:

@@ -11,11 +11,11 @@ from pathlib import Path
 from typing import Any, TextIO
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bench.errors import UserMistake
 from bench.runfolder import sync_folder
 from bench.userdata.columns import columns_named, one_column, parse_map
+from bench.userdata.history import Row, compensated, has_history
 from bench.userdata.tables import CHUNK_ROWS, Chunk, Table, is_parquet, open_table
 from fitting.modelfile import Compensation
 from fitting.modelfiles.columns import RATE, RATE_INPUT
@@ -52,13 +52,21 @@ class Applied:
 
 
 def compensate_file(
-    compensation: Compensation, path: Path, options: tuple[str, ...], out: Path, chunk_rows: int = CHUNK_ROWS
+    compensation: Compensation,
+    path: Path,
+    options: tuple[str, ...],
+    out: Path,
+    period_s: float | None = None,
+    chunk_rows: int = CHUNK_ROWS,
 ) -> Applied:
     """Write a copy of a file as CSV with the columns `compensated_dps` (nan where a value is missing) and `guarded`.
 
+    period_s: between rows, of a model that looks at the history of the temperatures, if it is not that of its training.
     Raises UserMistake, or InvalidFiles with the places of what is no number; then nothing is written.
     """
     _check_out(path, out)
+    if period_s is not None and not has_history(compensation):
+        raise UserMistake("--period is for models that look at the history of the temperatures; this one does not.")
     table = open_table(path)
     for name in (COMPENSATED, GUARDED):
         if name in table.header:
@@ -69,10 +77,14 @@ def compensate_file(
         file.writelines(f"{comment}\n" for comment in table.comments)
         writer = csv.writer(file, delimiter=table.delimiter, lineterminator="\n")
         writer.writerow([*table.header, COMPENSATED, GUARDED])
-        for chunk in table.chunks(chunk_rows):
-            values, outside = _compensate(compensation, chunk, columns, counts)
-            added = zip(chunk.cells, values.tolist(), outside.tolist(), strict=True)
-            writer.writerows([*row, repr(value), int(flag)] for row, value, flag in added)
+        chunks = table.chunks(chunk_rows)
+        by_rows = _by_rows(compensation, chunks, columns)
+        rows = compensated(compensation, chunks, columns, period_s) if has_history(compensation) else by_rows
+        for cells, value, outside, missing in rows:
+            counts.rows += 1
+            counts.missing += missing
+            counts.outside += outside and not missing
+            writer.writerow([*cells, repr(value), int(outside or missing)])
     return Applied(out, columns, counts)
 
 
@@ -140,17 +152,15 @@ def _fitted_to(compensation: Compensation, table: Table) -> dict[str, str]:
     return {name: column for name, column in found.items() if column in table.header}
 
 
-def _compensate(
-    compensation: Compensation, chunk: Chunk, columns: Mapping[str, str], counts: Counts
-) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    given = {name: chunk.numbers(column) for name, column in columns.items()}
-    missing = np.asarray(np.isnan(np.vstack(list(given.values()))).any(axis=0))
-    rate = None if compensation.output == RATE else given.pop(RATE_INPUT.name)
-    values, outside = compensation.compensate(rate_dps=rate, **given)
-    counts.rows += len(missing)
-    counts.missing += int(missing.sum())
-    counts.outside += int((outside & ~missing).sum())
-    return np.where(missing, np.nan, values), outside | missing
+def _by_rows(compensation: Compensation, chunks: Iterator[Chunk], columns: Mapping[str, str]) -> Iterator[Row]:
+    """Rows of a model that looks at each by itself, as `compensated` gives them."""
+    for chunk in chunks:
+        given = {name: chunk.numbers(column) for name, column in columns.items()}
+        missing = np.asarray(np.isnan(np.vstack(list(given.values()))).any(axis=0))
+        rate = None if compensation.output == RATE else given.pop(RATE_INPUT.name)
+        values, outside = compensation.compensate(rate_dps=rate, **given)
+        values = np.where(missing, np.nan, values)
+        yield from zip(chunk.cells, values.tolist(), outside.tolist(), missing.tolist(), strict=True)
 
 
 def _check_out(path: Path, out: Path) -> None:

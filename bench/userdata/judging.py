@@ -16,10 +16,8 @@ from fitting.splits import SplitPlan
 # Without groups a recording is cut into so many stretches of rows, which are left out like groups.
 STRETCHES, FOLDS = 12, 6
 RANDOM, LEFT_OUT = "random", "left_out"
-# Less than this gained by the temperature on rows left out is as good as nothing.
+# Less than this gained on rows left out is as good as nothing.
 LEAST_GAIN = 0.02
-
-Make = Callable[[], Any]
 
 
 @dataclass(frozen=True)
@@ -57,29 +55,19 @@ class Folds:
         return cls(plan.fold_of_rows(groups.astype(np.int64), recording.inputs[:, 0]), plan.random_training_rows(n))
 
 
-def judge(make: Make, recording: Recording, folds: Folds, columns: NDArray[np.intp]) -> dict[str, Figures]:
-    """Fit to parts of the rows and measure on the others; columns: which inputs it may look at. ValueError passes."""
-    random = [(folds.random, ~folds.random)]
-    left_out = [(folds.by_group != fold, folds.by_group == fold) for fold in range(int(folds.by_group.max()) + 1)]
-    return {
-        RANDOM: _judged(make, recording, random, columns),
-        LEFT_OUT: _judged(make, recording, left_out, columns),
-    }
+def judge(
+    make: Callable[[], Any], inputs: NDArray[np.float64], target: NDArray[np.float64], folds: Folds
+) -> dict[str, Figures]:
+    """Fit to some of the rows of inputs (n, k) and target (n,), and measure on the others. ValueError passes."""
 
-
-def _judged(
-    make: Make,
-    recording: Recording,
-    parts: list[tuple[NDArray[np.bool_], NDArray[np.bool_]]],
-    columns: NDArray[np.intp],
-) -> Figures:
-    inputs, target = recording.inputs[:, columns], recording.target
-    errors = []
-    for learned, held in parts:
+    def errors(learned: NDArray[np.bool_], held: NDArray[np.bool_]) -> NDArray[np.float64]:
         model = make()
         model.fit(inputs[learned], target[learned])
-        errors.append(np.asarray(model.predict(inputs[held]), dtype=np.float64) - target[held])
-    return figures(errors)
+        return np.asarray(model.predict(inputs[held]), dtype=np.float64) - target[held]
+
+    numbers = range(int(folds.by_group.max()) + 1)
+    left_out = [errors(folds.by_group != number, folds.by_group == number) for number in numbers]
+    return {RANDOM: figures([errors(folds.random, ~folds.random)]), LEFT_OUT: figures(left_out)}
 
 
 def figures(errors: list[NDArray[np.float64]]) -> Figures:
@@ -90,7 +78,7 @@ def figures(errors: list[NDArray[np.float64]]) -> Figures:
 
 
 def is_better(full: Figures, plain: Figures) -> bool:
-    """Whether a model with temperature is better than one without, at groups left out, beyond what chance does.
+    """Whether a model is better than one that knows less, at groups left out, beyond what chance does.
 
     It must gain `LEAST_GAIN`, and more than the standard error of its gain from fold to fold.
     """

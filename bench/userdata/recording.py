@@ -15,7 +15,9 @@ from bench.userdata.columns import columns_named, one_column, parse_map, unmappe
 from bench.userdata.tables import Table, open_table, sha256_of
 from fitting.modelfiles.columns import BIAS_ERROR_DPS, RATE, RATE_INPUT, TEMPERATURE, Column
 
-QUANTITIES = ("temperature", "rate", "truth", "group")
+QUANTITIES = ("temperature", "rate", "truth", "group", "time")
+# How much the steps of a time column may differ, as a share of their median, to count as even.
+_EVEN = 0.01
 LEAST_ROWS = 8
 
 
@@ -25,7 +27,8 @@ class Recording:
 
     inputs: (n, k), temperatures first, then the rate if the output is a rate. target: (n,), the true rate, or the error
     of a gyro at rest. before: (n,), the error without compensation, deg/s. groups: (n,) labels, None if none were
-    mapped. rows: in the file; missing: of them, how many have no value, by column.
+    mapped. period_s: between rows of a gyro at rest whose time was mapped, else None. rows: in the file; missing: of
+    them, how many have no value, by column.
     """
 
     path: Path
@@ -35,6 +38,7 @@ class Recording:
     target: NDArray[np.float64]
     before: NDArray[np.float64]
     groups: NDArray[np.intp] | None
+    period_s: float | None
     rows: int
     missing: Mapping[str, int]
     mapped: Mapping[str, str]
@@ -59,14 +63,22 @@ class _Chosen:
     truth: str | None
     truth_dps: float
     group: str | None
+    time: str | None
 
     @property
     def numeric(self) -> list[str]:
-        return [*self.temperature, self.rate, *([self.truth] if self.truth is not None else [])]
+        more = (self.time if self.truth is None else None, self.truth)
+        return [*self.temperature, self.rate, *(name for name in more if name is not None)]
 
     def mapped(self) -> dict[str, str]:
         truth = self.truth if self.truth is not None else f"{self.truth_dps:g}"
-        found = {"temperature": "+".join(self.temperature), "rate": self.rate, "truth": truth, "group": self.group}
+        found = {
+            "temperature": "+".join(self.temperature),
+            "rate": self.rate,
+            "truth": truth,
+            "group": self.group,
+            "time": self.time,
+        }
         return {key: text for key, text in found.items() if text}
 
 
@@ -90,6 +102,7 @@ def read_recording(path: Path, options: tuple[str, ...]) -> Recording:
         truth if is_rate else rate - truth,
         rate - truth,
         _numbered(groups, usable),
+        _period_s(path, chosen, values, usable),
         len(values),
         {name: count for name, count in missing.items() if count},
         chosen.mapped(),
@@ -100,7 +113,8 @@ def read_recording(path: Path, options: tuple[str, ...]) -> Recording:
 
 
 def _choose(table: Table, mapped: Mapping[str, str]) -> _Chosen:
-    temperature, rate, truth, group = (unmapped(table, quantity, mapped) for quantity in QUANTITIES)
+    temperature, rate, truth, group = (unmapped(table, quantity, mapped) for quantity in QUANTITIES[:-1])
+    time = mapped.get("time")
     if rate is None or truth is None:
         what, hint = ("rate", "rate=COL") if rate is None else ("truth", "truth=COL (or truth=0 for a gyro at rest)")
         raise UserMistake(
@@ -113,6 +127,7 @@ def _choose(table: Table, mapped: Mapping[str, str]) -> _Chosen:
         None if number is not None else one_column(table, truth, "truth"),
         number or 0.0,
         None if group is None else one_column(table, group, "group"),
+        None if time is None else one_column(table, time, "time"),
     )
     twice = [name for name in chosen.numeric if chosen.numeric.count(name) > 1]
     if twice:
@@ -141,6 +156,27 @@ def _numbered(groups: list[str] | None, usable: NDArray[np.bool_]) -> NDArray[np
     if groups is None:
         return None
     return np.asarray(np.unique(np.array(groups)[usable], return_inverse=True)[1], dtype=np.intp)
+
+
+def _period_s(path: Path, chosen: _Chosen, values: NDArray[np.float64], usable: NDArray[np.bool_]) -> float | None:
+    """Seconds between rows. Raises UserMistake if a time is given and they are not even, or rows are missing."""
+    if chosen.time is None or chosen.truth is not None or not chosen.temperature or len(values) < LEAST_ROWS:
+        return None
+    if not usable.all():
+        raise UserMistake(
+            f"{path}: {int((~usable).sum())} rows have a value missing, so that the history of the temperature is not "
+            "known. Fill them in, or leave time out of --map."
+        )
+    steps = np.diff(values[:, len(chosen.temperature) + 1])
+    period = float(np.median(steps))
+    uneven = np.flatnonzero(~(np.abs(steps - period) <= _EVEN * period))
+    if not period > 0.0 or uneven.size:
+        found = f"between rows {uneven[0] + 1} and {uneven[0] + 2} {steps[uneven[0]]:g} s pass" if uneven.size else ""
+        raise UserMistake(
+            f"{path}: the time '{chosen.time}' must rise evenly, in seconds; its steps are {period:g} s, {found}. "
+            "Resample the record, or leave time out of --map."
+        )
+    return period
 
 
 def _columns(n_temperatures: int, is_rate: bool) -> tuple[Column, ...]:

@@ -388,3 +388,15 @@ class TestHeldFrames:
         raw = np.zeros(60_000)
         raw[[10, 30_000]] = 1.0
         assert held_frames(raw) == 60_000 - 1 - 4
+
+
+def test_the_ripple_of_an_encoder_is_no_spike() -> None:
+    """15 Hz at 100 Hz: every 20th frame meets it at the same phase, and so does every 120th of ten minutes."""
+    rng = np.random.default_rng(5)
+    t = np.arange(60_000) / 100.0
+    for phase in np.linspace(0.0, 2.0 * np.pi, 12):
+        rate = 150.0 + 0.026 * np.sin(2 * np.pi * 15.0 * t + phase) + 0.004 * rng.standard_normal(t.size)
+        assert spikes(rate, np.ones(t.size, bool)) is None
+        rate[[7, 30_000]] += 1.0
+        found = spikes(rate, np.ones(t.size, bool))
+        assert found is not None and np.flatnonzero(found).tolist() == [7, 30_000]

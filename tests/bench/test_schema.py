@@ -237,7 +237,7 @@ def test_every_verb_is_in_the_schema_once_and_documented() -> None:
         ("rate: 400 deg/s", "rate: 400", False),
         ("{interface: fogsim, channel: fog-b01, bitrate: 1000000}", "{interface: fogsim}", False),
         ("bench: virtual", "bench: a b", False),
-        ("action: go_to", "action: off", False),
+        ("action: go_to", "action: leave", False),
         ("FOG-A01:\n    driver", "'FOG A01':\n    driver", False),
         ("# A real bench", "colour: red\n# A real bench", False),
     ],

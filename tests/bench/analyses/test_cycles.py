@@ -69,7 +69,7 @@ def test_every_model_is_judged_on_every_test(run: Path) -> None:
     assert set(found) == {"FOG-A01", "FOG-B01"}
     for models in found.values():
         assert set(models) == {"none", "linear", "lag_bank"}
-        assert all(set(by) == {"train", "second", "warming"} for by in models.values())
+        assert all(set(by) == {"train", "second", "warming", "unsmoothed"} for by in models.values())
 
 
 def test_history_beats_the_straight_line_on_a_cycle_not_seen(run: Path) -> None:
@@ -147,3 +147,21 @@ def test_what_is_refused_before_hour_0(tmp_path: Path, wrong: str, right: str, m
     procedure = write(tmp_path, "p.yaml", CYCLES.replace(wrong, right))
     with pytest.raises(InvalidFiles, match=message):
         prepare(RunRequest(procedure, VIRTUAL, tmp_path / "results", "r"))
+
+
+def test_the_models_are_applied_to_what_was_not_averaged(run: Path) -> None:
+    """Rows of 10 s of a record not seen: what is taken off is about what the averages lose."""
+    for models in figures_of(run).values():
+        none, bank = (models[name]["unsmoothed"] for name in ("none", "lag_bank"))
+        assert none["n"] == bank["n"] > 1000 and none["rate_hz"] == 0.1
+        assert bank["std_dps"] < 0.5 * none["std_dps"]
+
+
+def test_the_fitted_models_are_kept_as_files(run: Path) -> None:
+    from fitting.modelfile import load_model
+
+    for dut in ("FOG-A01", "FOG-B01"):
+        model = load_model(run / "analyses" / "models" / dut / "linear.json")
+        assert [(column.name, column.unit) for column in model.inputs] == [("temperature", "degC")]
+        assert model.output.name == "bias_error"
+        assert abs(float(model.predict(25.0)) - float(model.predict(5.0))) > 1e-4

@@ -10,6 +10,7 @@ import pytest
 from bench.errors import InvalidFiles, UserMistake
 from bench.userdata.compensate import compensate_file
 from bench.userdata.fit import fit_recording
+from fitting.cycle_model import ThermalCycleCompensation
 from fitting.linear import LinearCompensation
 from fitting.modelfile import Compensation, load_model, save_model
 from fitting.modelfiles.columns import BIAS_ERROR_DPH, Column
@@ -27,7 +28,7 @@ def model(tmp_path: Path) -> Compensation:
 @pytest.mark.parametrize("chunk_rows", [1, 7, 1000])
 def test_two_columns_more_the_others_as_they_were(tmp_path: Path, model: Compensation, chunk_rows: int) -> None:
     path = grid_file(tmp_path / "d.csv", seed=3)
-    applied = compensate_file(model, path, (), tmp_path / "out.csv", chunk_rows)
+    applied = compensate_file(model, path, (), tmp_path / "out.csv", chunk_rows=chunk_rows)
     before, after = path.read_text().splitlines(), (tmp_path / "out.csv").read_text().splitlines()
     assert after[0] == before[0] + ",compensated_dps,guarded"
     assert all(new.startswith(old + ",") for old, new in zip(before, after, strict=True))
@@ -81,7 +82,7 @@ def test_parquet_in_csv_out(tmp_path: Path, model: Compensation) -> None:
     path = grid_file(tmp_path / "d.csv", seed=3)
     pd.read_csv(path).to_parquet(tmp_path / "d.parquet")
     for name in ("d.csv", "d.parquet"):
-        compensate_file(model, tmp_path / name, (), tmp_path / f"{name}.out.csv", 11)
+        compensate_file(model, tmp_path / name, (), tmp_path / f"{name}.out.csv", chunk_rows=11)
     first, second = (pd.read_csv(tmp_path / f"{name}.out.csv") for name in ("d.csv", "d.parquet"))
     pd.testing.assert_frame_equal(first, second)
 
@@ -137,3 +138,33 @@ def test_cells_with_delimiters_and_quotes_stay_cells(tmp_path: Path, model: Comp
     compensate_file(model, path, (), tmp_path / "out.csv")
     with (tmp_path / "out.csv").open(newline="") as file:
         assert list(csv.reader(file))[1][0] == 'a, "b"'
+
+
+@pytest.mark.parametrize("chunk_rows", [1, 7, 1000])
+@pytest.mark.parametrize("start", ["ramp", "steady"])
+def test_a_model_of_history_is_applied_to_the_whole_record_whatever_the_pieces(
+    tmp_path: Path, chunk_rows: int, start: str
+) -> None:
+    temperature = 20.0 + 30.0 * np.sin(np.arange(300) / 30.0)
+    error = np.concatenate([[0.0], 4.0 * np.diff(temperature)]) + 0.1 * temperature
+    estimator = ThermalCycleCompensation(start=start, slope_over_s=300.0)  # type: ignore[arg-type]
+    estimator.fit(temperature[:, np.newaxis], error)
+    save_model(tmp_path / "m.json", estimator, {}, inputs=[Column("temperature", "degC")], output=BIAS_ERROR_DPH)
+    given = np.clip(temperature[40:120], -8.0, 48.0)
+    cells = [f"{value!r}" for value in given.tolist()]
+    cells[30:32] = ["", "nan"]
+    lines = ["temperature,rate", ",1.5", *(f"{cell},1.5" for cell in cells)]
+    (tmp_path / "d.csv").write_text("\n".join(lines) + "\n")
+    model = load_model(tmp_path / "m.json")
+    applied = compensate_file(model, tmp_path / "d.csv", (), tmp_path / "out.csv", chunk_rows=chunk_rows)
+    given[30:32] = given[29]
+    expected, _ = model.compensate(given, rate_dps=np.full(80, 1.5))
+    expected[30:32] = np.nan
+    found = pd.read_csv(tmp_path / "out.csv")["compensated_dps"]
+    assert np.allclose(found[1:], expected, rtol=0.0, atol=1e-12, equal_nan=True) and np.isnan(found[0])
+    assert (applied.counts.rows, applied.counts.missing) == (81, 3)
+
+
+def test_a_period_is_for_models_of_history(tmp_path: Path, model: Compensation) -> None:
+    with pytest.raises(UserMistake, match=r"--period is for models that look at the history"):
+        compensate_file(model, grid_file(tmp_path / "d.csv"), (), tmp_path / "out.csv", 1.0)
