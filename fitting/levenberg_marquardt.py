@@ -124,7 +124,9 @@ class Walk(Generic[E]):
     def _accept(self, trial: NDArray[np.float64], evaluation: E, gained: float, predicted: float) -> None:
         self.small_steps = self.small_steps + 1 if gained < self.tolerance * self.here.cost else 0
         self.converged = self.small_steps >= _SMALL_STEPS
-        self.damping *= max(1.0 / 3.0, 1.0 - (2.0 * gained / predicted - 1.0) ** 3)
+        # From a ratio of 1 on the factor is 1/3; a prediction of next to nothing would overflow the cube.
+        ratio = min(gained / predicted, 2.0)
+        self.damping *= max(1.0 / 3.0, 1.0 - (2.0 * ratio - 1.0) ** 3)
         self.growth = 2.0
         self.parameters = trial
         self._stand_on(evaluation)

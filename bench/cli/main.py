@@ -24,6 +24,9 @@ COMMANDS = {
     "abort": ("bench.cli.requests:abort", "End a run in order from another terminal."),
     "resume": ("bench.cli.resume", "Take a run up again after an abort, a failure, a crash or a power cut."),
     "compare": ("bench.cli.compare", "Judge many models on the same points and splits: one table, one figure."),
+    "metrics": ("bench.cli.metrics", "Print the calibration figures of a run, each with uncertainty and definition."),
+    "allan": ("bench.cli.allan", "Allan deviation, noise coefficients and plot, of a file or a run."),
+    "certificate": ("bench.cli.certificate", "Write the calibration certificate of a DUT: one page, HTML and PDF."),
     "overview": ("bench.cli.overview", "Put the results of several runs on one page."),
     "simulate": (
         "bench.cli.simulate",

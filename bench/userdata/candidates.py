@@ -4,16 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from importlib.metadata import entry_points
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from sklearn.base import clone
 
 from bench.analyses.models import model_factories
 from bench.errors import UserMistake
 from bench.userdata.judging import LEFT_OUT, Figures, Folds, is_better, judge
 from bench.userdata.recording import Recording
+from fitting.automatic import AutomaticCompensation
 from fitting.cycle_model import ThermalCycleCompensation
 from fitting.lag_bank import LagBankCompensation
 from fitting.lag_bank_history import AVERAGING_S, ThermalHistory
@@ -22,8 +23,6 @@ from fitting.modelfiles.columns import RATE
 from fitting.polynomial import PolynomialCompensation
 
 Make = Callable[[], Any]
-# The first of these that is installed, for a rate that depends on temperature.
-DEFAULTS = ("automatic", "ts_joint")
 
 
 @dataclass(frozen=True)
@@ -51,9 +50,7 @@ def judged_models(recording: Recording, folds: Folds, names: tuple[str, ...]) ->
     elif not recording.temperatures:
         return [_without_temperature(recording, folds)], []
     elif recording.output == RATE:
-        installed = {item.name for item in entry_points(group="fogbench.models")}
-        default = next(name for name in DEFAULTS if name in installed)
-        models = [_judged(default, model_factories([default])[default], recording, folds)]
+        models = [_chosen(recording, folds)]
     else:
         models = [_judged("lag_bank", LagBankCompensation, recording, folds)]
     notes = list[str]()
@@ -63,6 +60,15 @@ def judged_models(recording: Recording, folds: Folds, names: tuple[str, ...]) ->
         models, note = _with_history(models[0], recording, folds)
         notes.append(note)
     return models, notes
+
+
+def _chosen(recording: Recording, folds: Folds) -> Fitted:
+    """Kind and complexity chosen on all rows by leaving out groups; then judged as if they had been known."""
+    try:
+        found = AutomaticCompensation().fit(recording.inputs, recording.target, groups=folds.groups)
+    except (ValueError, ArithmeticError, np.linalg.LinAlgError) as error:
+        raise UserMistake(f"{recording.path}: no model could be chosen: {error}") from error
+    return _judged(found.chosen_, lambda: clone(found.best_estimator_), recording, folds)
 
 
 def _with_reason(

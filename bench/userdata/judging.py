@@ -36,8 +36,9 @@ class Figures:
 
 @dataclass(frozen=True)
 class Folds:
-    """Which rows are held back together: by_group (n,) fold numbers, random (n,) rows to learn from."""
+    """Rows that belong together: groups (n,) labels; by_group (n,) fold numbers; random (n,) rows to learn from."""
 
+    groups: NDArray[np.intp]
     by_group: NDArray[np.intp]
     random: NDArray[np.bool_]
 
@@ -52,7 +53,8 @@ class Folds:
         if count < 2:
             raise UserMistake(f"{recording.path}: all rows are of one group; leaving groups out takes two or more.")
         plan = SplitPlan(folds=min(FOLDS, count))
-        return cls(plan.fold_of_rows(groups.astype(np.int64), recording.inputs[:, 0]), plan.random_training_rows(n))
+        by_group = plan.fold_of_rows(groups.astype(np.int64), recording.inputs[:, 0])
+        return cls(groups, by_group, plan.random_training_rows(n))
 
 
 def judge(

@@ -4,12 +4,15 @@ from dataclasses import dataclass
 
 from fitting.cycle_model import ThermalCycleModel
 from fitting.export import guard, rowwise, stream
-from fitting.export.form import Operations
+from fitting.export.form import Operations, Pieces, Table
 from fitting.export.precision import DOUBLE, Precision, in_precision
 from fitting.export.templates import COMPENSATE, COMPENSATE_DECLARED, HEADER, SELFTEST, SOURCE
 from fitting.export.text import comment, fill, table_checks, table_text
 from fitting.modelfile import Compensation
 from fitting.modelfiles.columns import RATE
+
+# Words that hold words, one inside the other, in this order.
+_NESTED = ("STATE", "HOW", "STATE_DECLARED", "COMPENSATE_DECLARED", "COMPENSATE", "EVALUATE", "SELFTEST_BODY")
 
 
 @dataclass(frozen=True)
@@ -32,9 +35,7 @@ class Exported:
 def export_c(compensation: Compensation, name: str, precision: Precision = DOUBLE) -> Exported:
     """Write a model as C under a name (see `fitting.export.text.identifier`); `NotExported` for one that has no C."""
     rounded = in_precision(compensation, precision)
-    way = stream if isinstance(rounded.model, ThermalCycleModel) else rowwise
-    pieces = way.pieces(rounded, precision)
-    tables = (*guard.tables(rounded), *pieces.more, *pieces.form.tables)
+    pieces, tables = _parts(rounded, precision)
     stem = name + precision.mark
     words = {
         **_words(rounded, stem, precision),
@@ -45,20 +46,24 @@ def export_c(compensation: Compensation, name: str, precision: Precision = DOUBL
         "GUARD": guard.code(rounded.reach),
         "BODY": pieces.form.body,
     }
-    for part in (
-        "STATE",
-        "STATE_DECLARED",
-        "COMPENSATE_DECLARED",
-        "COMPENSATE",
-        "EVALUATE",
-        "SELFTEST_BODY",
-    ):  # one inside the other
+    for part in _NESTED:
         words[part] = fill(words[part], words)
     words["SELFTEST"] = fill(SELFTEST, words)
     real = sum(table.size for table in tables if not table.whole)
     whole = sum(table.size for table in tables if table.whole)
     files = {f"{stem}.h": fill(HEADER, words), f"{stem}.c": fill(SOURCE, words)}
     return Exported(stem, files, real, real * precision.size + whole, pieces.operations, pieces.largest_rounding)
+
+
+def tables_of(compensation: Compensation) -> tuple[Table, ...]:
+    """All coefficients of a model, as the C code has them; `NotExported` for a model that has no C."""
+    return _parts(compensation, DOUBLE)[1]
+
+
+def _parts(compensation: Compensation, precision: Precision) -> tuple[Pieces, tuple[Table, ...]]:
+    way = stream if isinstance(compensation.model, ThermalCycleModel) else rowwise
+    pieces = way.pieces(compensation, precision)
+    return pieces, (*guard.tables(compensation), *pieces.more, *pieces.form.tables)
 
 
 def _words(compensation: Compensation, stem: str, precision: Precision) -> dict[str, str]:

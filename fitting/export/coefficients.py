@@ -3,8 +3,7 @@
 import csv
 import io
 
-from fitting.export import guard
-from fitting.export.forms import form_of
+from fitting.export.c99 import tables_of
 from fitting.modelfile import Compensation
 
 HEADER = ("table", "row", "column", "unit", "value")
@@ -19,10 +18,7 @@ def coefficients_csv(compensation: Compensation) -> str:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(HEADER)
-    for table in (
-        *guard.tables(compensation),
-        *form_of(compensation.model, compensation.inputs, compensation.output).tables,
-    ):
+    for table in tables_of(compensation):
         for number, values in enumerate(table.values):
             for label, value in zip(table.columns, values.tolist(), strict=True):
                 shown = int(value) if table.whole else value

@@ -41,12 +41,14 @@ def pieces(compensation: Compensation, precision: Precision) -> Pieces:
     words = {
         "STATE": "@NAME@_state *state, ",
         "PASS": "state, ",
-        "HOW": stream_templates.HOW.replace("@PERIOD@", f"{period_s:.9g}").replace("@SLOPE@", f"{window * period_s:g}"),
-        "STATE_DECLARED": stream_templates.STATE.replace("@SLOTS@", str(window + 1)).replace(
-            "@LAGS@", str(max(lags, 1))
-        ),
+        "HOW": stream_templates.HOW,
+        "PERIOD": f"{period_s:.9g}",
+        "STATE_DECLARED": stream_templates.STATE,
+        "SLOTS": str(window + 1),
+        "LAG_SLOTS": str(max(lags, 1)),
+        "NEEDED": str(window if history.start == "ramp" else 0),
         "EVALUATE": stream_templates.EVALUATE,
-        "WAITS": "1" if history.start == "ramp" else "0",
+        "WAITS": str(int(history.start == "ramp")),
         "SLOPE_FACTOR": precision.literal(_SECONDS_PER_MINUTE / (window * period_s)),
         "SELFTEST_BODY": stream_templates.SELFTEST_BODY,
         **path.words(tolerance, precision),

@@ -69,24 +69,24 @@ void @NAME@_start(@NAME@_state *state)
 @REAL@ @NAME@(@STATE@const @REAL@ x[INPUTS], int *guarded)
 {
     const int waits = @WAITS@;
-    real held[INPUTS], feature[OUTPUTS], mean = (real)0;
+    real held[INPUTS], feature[OUTPUTS], now = (real)0;
     const int outside = bring_inside(x, held);
     const int slot = (int)(state->rows % (WINDOW + 1)), last = (slot + WINDOW) % (WINDOW + 1);
     int i, lost = 0;
     for (i = 0; i < INPUTS; ++i) {
         lost |= x[i] != x[i];
-        mean += held[i];
+        now += held[i];
     }
     if (lost && state->rows == 0)
         return missing(guarded);
-    mean = lost ? state->past[last] : mean / (real)INPUTS;
+    now = lost ? state->past[last] : now / (real)INPUTS;
     if (!waits && state->rows == 0) {
         for (i = 0; i <= WINDOW; ++i)
-            state->past[i] = mean;
+            state->past[i] = now;
         begin(state, (real)0, 1);
     }
-    const real change = mean - state->past[last];
-    state->past[slot] = mean;
+    const real change = now - state->past[last];
+    state->past[slot] = now;
     if (waits && state->rows == WINDOW)
         begin(state, first_step(state), WINDOW + 1);
     else if (state->rows > 0 && (!waits || state->rows > WINDOW))
@@ -94,10 +94,10 @@ void @NAME@_start(@NAME@_state *state)
     state->rows = state->rows < 2L * WINDOW + 1L ? state->rows + 1 : state->rows - WINDOW;
     if (lost || (waits && state->rows <= WINDOW))
         return missing(guarded);
-    feature[0] = mean;
+    feature[0] = now;
     for (i = 1; i < INPUTS; ++i)
         feature[i] = held[i] - held[i - 1];
-    feature[INPUTS] = (mean - state->past[(slot + 1) % (WINDOW + 1)]) * (real)@SLOPE_FACTOR@;
+    feature[INPUTS] = (now - state->past[(slot + 1) % (WINDOW + 1)]) * (real)@SLOPE_FACTOR@;
     for (i = 0; i < LAGS; ++i)
         feature[INPUTS + 1 + i] = state->lag[i];
     if (guarded != NULL)

@@ -1,8 +1,8 @@
 """Writes the recordings of the tutorial: a gyro with known errors, as a logger would have written it.
 
 gyro.csv: 11 temperature dwells x 13 rates, each row a mean of a minute, on a rate table. drive.csv: half an hour in a
-vehicle, once a second, colder than the table run in the beginning, with two values missing. rest.csv: three hours at
-rest while the temperature swings.
+vehicle, once a second, colder than the table run in the beginning, with two values missing. rest.csv: ten hours at
+rest while the temperature swings; the coil is a few minutes behind its thermometer.
 """
 
 from pathlib import Path
@@ -37,11 +37,14 @@ def main(folder: Path) -> None:
     lines[701], lines[702] = "700,,0.1", "701,20.1,"
     (folder / "drive.csv").write_text("\n".join(lines) + "\n")
 
-    minutes = np.arange(0.0, 180.0, 0.5)
-    swing = 20.0 + 25.0 * np.sin(minutes / 25.0)
-    given = output(np.zeros(len(swing)), swing) + NOISE_DPS * rng.standard_normal(len(swing))
-    lines = ["minute,T_coil,omega"]
-    lines += [f"{m:g},{t:.3f},{w:.6f}" for m, t, w in zip(minutes, swing, given, strict=True)]
+    seconds = np.arange(0, 36000, 60)
+    swing = 20.0 - 25.0 * np.cos(seconds / 1500.0)
+    slow = swing.copy()
+    for k in range(1, len(slow)):
+        slow[k] = slow[k - 1] + (swing[k] - slow[k - 1]) * (1.0 - np.exp(-60.0 / 400.0))
+    given = output(np.zeros(len(swing)), swing) + 5e-4 * (swing - slow) + NOISE_DPS * rng.standard_normal(len(swing))
+    lines = ["time_s,T_coil,omega"]
+    lines += [f"{s},{t:.3f},{w:.6f}" for s, t, w in zip(seconds, swing, given, strict=True)]
     (folder / "rest.csv").write_text("\n".join(lines) + "\n")
 
 
