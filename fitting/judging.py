@@ -4,6 +4,7 @@ The models of `fitting.validation` predict a rate and are judged on splits of po
 gyro at rest and are judged on stretches of time series, each model on inputs of its own.
 """
 
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -40,16 +41,17 @@ class Part:
 class Judgement:
     """Results of `judge`.
 
-    metrics: model -> test -> {max_abs_dps, std_dps, mae_dps, mse_dps2, floor_dps, n, fit_s, guarded}; 'train' are the
-        rows of the first part learned from. The error is what is left: error minus predicted error. guarded: share of
-        the rows outside the model's training range, None if it does not tell.
+    metrics: model -> test -> {max_abs_dps, std_dps, bias_stability_dps, mae_dps, mse_dps2, floor_dps, n, fit_s,
+        guarded}; 'train' are the rows of the first part learned from. The error is what is left: error minus predicted
+        error. guarded: share of the rows outside the model's training range, None if it does not tell.
     residuals: row, model, split, predicted_dps, residual_dps.
-    fitted: model -> the model fitted on the first part.
+    fitted: model -> the model fitted on the first part. warnings: model -> what its fit warned of.
     """
 
     metrics: dict[str, dict[str, dict[str, float | int | None]]]
     residuals: pd.DataFrame
     fitted: dict[str, Any]
+    warnings: dict[str, list[str]]
 
 
 def judge(
@@ -71,11 +73,16 @@ def judge(
     metrics: dict[str, dict[str, dict[str, float | int | None]]] = {}
     blocks: list[pd.DataFrame] = []
     fitted: dict[str, Any] = {}
+    said: dict[str, list[str]] = {}
     for name, candidate in {UNCOMPENSATED: None, **candidates}.items():
         metrics[name] = {}
         for number, part in enumerate(parts):
             tests = {TRAIN: part.train, **part.tests} if number == 0 else part.tests
-            model, fit_s = _fit(name, candidate, error_dps, part.train, groups, seed, timer)
+            with warnings.catch_warnings(record=True) as caught:
+                warnings.simplefilter("always")
+                model, fit_s = _fit(name, candidate, error_dps, part.train, groups, seed, timer)
+            if caught:
+                said[name] = list(dict.fromkeys([*said.get(name, ()), *(str(one.message) for one in caught)]))
             if number == 0 and candidate is not None:
                 fitted[name] = model
             for test, rows in tests.items():
@@ -85,11 +92,14 @@ def judge(
                 metrics[name][test] = figures(left - predicted, u_dps[rows]) | {"fit_s": fit_s, "guarded": guarded}
                 columns = {"row": np.flatnonzero(rows), "model": name, "split": test}
                 blocks.append(pd.DataFrame(columns | {"predicted_dps": predicted, "residual_dps": left - predicted}))
-    return Judgement(metrics, pd.concat(blocks, ignore_index=True), fitted)
+    return Judgement(metrics, pd.concat(blocks, ignore_index=True), fitted, said)
 
 
 def figures(residual_dps: Floats, u_dps: Floats) -> dict[str, float | int | None]:
     """Figures of what is left, (n,), beside the floor its noise sets: the rms of the standard uncertainties.
+
+    bias_stability_dps: standard deviation with n - 1 of means that do not overlap, as GJB 2426A has it for rows that
+    are averages of a stated time; std_dps: with n.
 
     >>> figures(np.array([1.0, -1.0]), np.array([0.5, 0.5]))["std_dps"]
     1.0
@@ -97,6 +107,7 @@ def figures(residual_dps: Floats, u_dps: Floats) -> dict[str, float | int | None
     return {
         "max_abs_dps": float(np.abs(residual_dps).max()),
         "std_dps": float(residual_dps.std()),
+        "bias_stability_dps": float(residual_dps.std(ddof=1)) if len(residual_dps) > 1 else None,
         "mae_dps": float(np.abs(residual_dps).mean()),
         "mse_dps2": float(np.mean(residual_dps**2)),
         "floor_dps": float(np.sqrt(np.mean(u_dps**2))),

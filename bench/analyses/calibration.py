@@ -17,7 +17,7 @@ from bench.analyses.calibration_parts import power_cycles, scale_factor, small, 
 from bench.analyses.calibration_records import GAP_RULE, OUTLIER_RULE
 from bench.analyses.calibration_temperature import temperature
 from bench.analyses.context import Analysed, Context, Judged
-from bench.procedure.analyses import CalibrationAnalysis, figure_unit
+from bench.procedure.calibration import CalibrationAnalysis, figure_unit
 from bench.rawstore import RawFileDamaged
 from bench.series import SeriesIncomplete
 
@@ -92,6 +92,7 @@ def conditions_of(context: Context, dut: str, spec: CalibrationAnalysis) -> dict
             "latitude_deg": bench.latitude_deg,
             "tilt_arcmin": 60.0 * bench.tilt_deg,
             "temperature_k": bench.temperature_k,
+            "stated": sorted(bench.model_fields_set),
         },
         "outlier_rule": OUTLIER_RULE,
         "gap_rule": GAP_RULE,

@@ -13,7 +13,7 @@ import numpy as np
 
 from bench.analyses.calibration_points import RateSetAt, nearest, rate_sets
 from bench.analyses.calibration_records import NotRecorded, RestRecord, abouts_of, rest_record
-from bench.procedure.analyses import CalibrationAnalysis
+from bench.procedure.calibration import CalibrationAnalysis
 from fitting.earth import horizontal_dph, vertical_dph
 from fitting.metrics.bias import InputRate, ScaleFactor, to_dph
 from fitting.metrics.figure import Figure, with_u
@@ -80,7 +80,17 @@ class Lab:
     def sets(self) -> list[RateSetAt]:
         """The rate sets of this DUT."""
         span = self.spec.threshold.span_dps if self.spec.threshold else None
-        return rate_sets(self.points, self.dut, self.table_u_ppm, span)
+        return rate_sets(self.points, self.dut, self.table_u_ppm, span, self._repeats_s())
+
+    def _repeats_s(self) -> list[float]:
+        """When the repeats of `power_cycles` begin: with their records."""
+        spec = self.spec.power_cycles
+        if spec is None:
+            return []
+        try:
+            return [float(about["started_at_s"]) for about in abouts_of(self.series, self.dut, spec.record)]
+        except NotRecorded:
+            return []
 
     def records(self, name: str, warm_up_s: float) -> list[RestRecord]:
         """The records called `name`, `name-2` …. Raises NotRecorded, or what reading them raises."""

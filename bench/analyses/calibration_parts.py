@@ -15,7 +15,7 @@ import numpy as np
 from bench.analyses.calibration_lab import Found, Lab, Stated, bias_of, noise_of, pooled
 from bench.analyses.calibration_points import RateSetAt, nearest, small_rates, visits
 from bench.analyses.calibration_records import NotRecorded, RestRecord
-from bench.procedure.analyses import RepeatFigures, ScaleFactorFigures, StaticFigures, ThresholdFigures
+from bench.procedure.calibration import RepeatFigures, ScaleFactorFigures, StaticFigures, ThresholdFigures
 from fitting.metrics.allan_figures import allan_figures
 from fitting.metrics.bias import ScaleFactor, bias_repeatability, bias_stability, to_dph
 from fitting.metrics.figure import Figure

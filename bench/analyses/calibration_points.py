@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from bench.analyses.calibration_records import NotRecorded
 from bench.points import usable
+from fitting.metrics.figure import Figure
 from fitting.metrics.scale_factor import RateSet, rate_set
 
 if TYPE_CHECKING:
@@ -39,16 +40,25 @@ class RateSetAt:
     conditions: dict[str, Any]
 
 
-def rate_sets(points: pd.DataFrame, dut: str, table_u_ppm: float, within_dps: float | None) -> list[RateSetAt]:
+def rate_sets(
+    points: pd.DataFrame,
+    dut: str,
+    table_u_ppm: float,
+    within_dps: float | None = None,
+    repeats_s: Sequence[float] = (),
+) -> list[RateSetAt]:
     """Every rate set of a DUT, one for each dwell that has three rates in each direction.
 
-    within_dps: points of a threshold scan, whose input or rate is no larger, are no part of a rate set.
+    within_dps: points of a threshold scan, whose input or rate is no larger, are no part of a rate set. repeats_s: when
+    repeats begin; each has a rate set of its own.
     """
     table = usable(points, dut)
     if within_dps is not None:
         small = (table["rate_reference_dps"].abs() <= within_dps) | (table["rate_setpoint_dps"].abs() <= within_dps)
         table = table[~small | (table["rate_setpoint_dps"] == 0.0)]
-    return [found for _, rows in table.groupby("dwell", sort=True) for found in _rate_set(rows, table_u_ppm)]
+    repeat = np.searchsorted(np.sort(np.array(repeats_s, dtype=np.float64)), table["started_at_s"], side="right")
+    groups = table.groupby([table["dwell"], repeat], sort=True)
+    return [found for _, rows in groups for found in _rate_set(rows, table_u_ppm)]
 
 
 def _rate_set(rows: pd.DataFrame, table_u_ppm: float) -> Iterator[RateSetAt]:
@@ -62,12 +72,24 @@ def _rate_set(rows: pd.DataFrame, table_u_ppm: float) -> Iterator[RateSetAt]:
     found = rate_set(
         rates, outputs[moving], rest_before=before, rest_after=after, table_u_ppm=table_u_ppm, unit="deg/s"
     )
+    if moving.all():
+        found = _without_rests(found)
     k = found.scale_factor
     u_noise = float(np.sqrt(max(k.u**2 - (k.value * table_u_ppm * 1e-6) ** 2, 0.0)))
     conditions = _conditions(rows, moving)
     setpoint = conditions["chamber_setpoint_degc"]
     temperature = float(conditions["dut_temperature_degc"]["mean"])
     yield RateSetAt(int(rows["dwell"].iloc[0]), setpoint, temperature, found, u_noise, conditions)
+
+
+def _without_rests(found: RateSet) -> RateSet:
+    """The same figures, saying what was not taken off."""
+    taken, left = "outputs at rest taken off", "no output at rest was measured: the offset holds bias and earth rate"
+
+    def said(figure: Figure) -> Figure:
+        return replace(figure, definition=figure.definition.replace(taken, left))
+
+    return replace(found, scale_factor=said(found.scale_factor), offset=said(found.offset))
 
 
 def _rests(outputs: Floats, moving: NDArray[np.bool_]) -> tuple[Floats, Floats]:
@@ -166,7 +188,7 @@ def small_rates(points: pd.DataFrame, dut: str, k: float, span_dps: float, colum
 
 
 def _with_stuck(points: pd.DataFrame, dut: str) -> pd.DataFrame:
-    """Usable points, and those that failed for nothing but an output that stood still: a dead band is what is sought."""
+    """Usable points, and those that failed only because the output stood still: a dead band is what is looked for."""
     stuck = (points["verdict"] == "fail") & points["reasons"].isin(FROZEN)
     kept = points.assign(verdict=points["verdict"].where(~stuck, "marginal"))
     return usable(kept, dut)

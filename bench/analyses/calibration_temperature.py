@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from bench.analyses.calibration_lab import Found, Lab, Stated, bias_of, noise_of, pooled
 from bench.analyses.calibration_records import RestRecord
-from bench.procedure.analyses import TemperatureFigures
+from bench.procedure.calibration import TemperatureFigures
 from fitting.metrics.bias import (
     BiasStability,
     ScaleFactor,

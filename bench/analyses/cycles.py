@@ -84,13 +84,14 @@ def cycle_models(names: Sequence[str]) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class CycleResult:
-    """The judgement of one DUT, and for each of its rows the record and the time since that began."""
+    """The judgement of one DUT; for each of its rows the record and the time since that began; the models' inputs."""
 
     judgement: Judgement
     truth_dps: float
     labels: NDArray[np.str_]
     t_s: Floats
     error_dps: Floats
+    inputs: Mapping[str, Floats]
 
 
 def analyse_dut(folder: Path, finished: Sequence[Mapping[str, Any]], dut: str, spec: CycleAnalysis) -> CycleResult:
@@ -111,7 +112,8 @@ def analyse_dut(folder: Path, finished: Sequence[Mapping[str, Any]], dut: str, s
     labels = np.concatenate([np.full(len(one.t_s), label) for label, one in records.items()])
     t_s = np.concatenate([one.t_s for one in records.values()])
     judgement = judge(candidates, error, u, _parts(labels, t_s, spec), order, spec.seed, stopwatch)
-    return CycleResult(judgement, truth_dps, labels, t_s, error)
+    inputs = {name: candidate.inputs for name, candidate in candidates.items()}
+    return CycleResult(judgement, truth_dps, labels, t_s, error, inputs)
 
 
 def _records(
@@ -166,6 +168,7 @@ def analyse(context: Context) -> Analysed:
     if spec is None:
         return Analysed()
     metrics: Metrics = {}
+    said: dict[str, Any] = {}
     notes: list[str] = []
     kept: list[pd.DataFrame] = []
     for dut in context.duts:
@@ -175,6 +178,7 @@ def analyse(context: Context) -> Analysed:
             notes.append(f"{dut}: no fit: {error}")
             continue
         metrics[dut] = dict(result.judgement.metrics)
+        said[dut] = result.judgement.warnings
         _add_unsmoothed(context, dut, spec, result, metrics[dut])
         kept.append(_rows(result, dut))
         notes += _save_models(context, dut, spec, result)
@@ -182,7 +186,7 @@ def analyse(context: Context) -> Analysed:
         (context.folder / FOLDER).mkdir(exist_ok=True)
         write_table(context.folder / FOLDER / ROWS, pd.concat(kept, ignore_index=True))
     judged = judge_limits(spec, metrics, context.duts)
-    return Analysed(judged=judged, notes=notes, documents={"cycles": metrics})
+    return Analysed(judged=judged, notes=notes, documents={"cycles": metrics, "cycles_warnings": said})
 
 
 def _save_models(context: Context, dut: str, spec: CycleAnalysis, result: CycleResult) -> list[str]:

@@ -14,10 +14,11 @@ from numpy.typing import NDArray
 from bench.analyses.models import INPUT_COLUMNS, model_factories
 from bench.clock import stopwatch
 from bench.errors import UserMistake
-from bench.journal import load_journal
+from bench.journal import Entry, load_journal
 from bench.points import points_of, usable
-from bench.procedure.analyses import Analysis, Splits
+from bench.procedure.analyses import Analysis, CycleAnalysis, Splits
 from bench.refit import head_of_run
+from bench.series import finished_series
 from fitting.modelfiles.kinds import codec_of, kind_of
 from fitting.splits import SplitPlan
 from fitting.validation import UNCOMPENSATED, evaluate
@@ -81,11 +82,15 @@ def compare(folders: Sequence[Path], models: Sequence[str], seeds: int, tell: Te
     lines: list[Line] = []
     for folder in folders:
         entries = load_journal(folder / "journal.jsonl")
-        analysis = head_of_run(folder, entries).analysis
-        points = points_of(entries)
+        head = head_of_run(folder, entries)
+        analysis, points = head.analysis, points_of(entries)
+        if points.empty and head.cycles is not None:
+            lines += _of_cycles(folder, entries, head.cycles, models, seeds, tell)
+            continue
         if points.empty:
             raise UserMistake(
-                f"{folder}: it has no points to compare models on. Give runs of a temperature x rate grid."
+                f"{folder}: it has no points and no cycles to compare models on. Give runs of a temperature x rate "
+                "grid, or of thermal cycles."
             )
         names = list(models) or (analysis.models if analysis else [])
         if not names:
@@ -94,6 +99,15 @@ def compare(folders: Sequence[Path], models: Sequence[str], seeds: int, tell: Te
         for dut in entries[0]["duts"]:
             lines += _of_dut(folder.name, str(dut), usable(points, dut), names, analysis, seeds, tell)
     return lines
+
+
+def _of_cycles(
+    folder: Path, entries: Sequence[Entry], spec: CycleAnalysis, models: Sequence[str], seeds: int, tell: Tell
+) -> list[Line]:
+    from bench.compare.cycles import compare_cycles
+
+    asked = spec.model_copy(update={"models": list(models)}) if models else spec
+    return list(compare_cycles(folder, finished_series(entries), list(entries[0]["duts"]), asked, seeds, tell))
 
 
 def _of_dut(
@@ -125,7 +139,7 @@ def _of_dut(
             for seed in range(seeds)
         ]
         fitted = judged[0].fitted[name]
-        about = (_predict_us(fitted, X), _parameters(fitted))
+        about = (predict_us(fitted, X), parameters_of(fitted))
         if name == names[0]:
             yield from _lines(run, dut, UNCOMPENSATED, [one.metrics[UNCOMPENSATED] for one in judged], (None, None))
         yield from _lines(run, dut, name, [one.metrics[name] for one in judged], about)
@@ -153,7 +167,7 @@ def _lines(
         )
 
 
-def _predict_us(model: Any, X: NDArray[np.float64]) -> float:
+def predict_us(model: Any, X: NDArray[np.float64]) -> float:
     """Time of one row in a long prediction, microseconds; the best of three."""
     rows = np.resize(X, (PREDICTED_ROWS, X.shape[1]))
     times = []
@@ -164,7 +178,7 @@ def _predict_us(model: Any, X: NDArray[np.float64]) -> float:
     return min(times) / PREDICTED_ROWS * 1e6
 
 
-def _parameters(model: Any) -> int | None:
+def parameters_of(model: Any) -> int | None:
     """Numbers in the model's file that its predictions need; None for a kind that has no file."""
     chosen = getattr(model, "best_estimator_", model)
     try:

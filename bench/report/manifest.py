@@ -73,6 +73,7 @@ class Manifest:
     identities: Mapping[str, str] = field(default_factory=dict)
     data_quality: Mapping[str, Mapping[str, float | None]] = field(default_factory=dict)
     raw_queue: Mapping[str, float | None] = field(default_factory=dict)
+    missing: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     events: tuple[Event, ...] = ()
     message: str = ""
     notes: tuple[str, ...] = ()
@@ -110,6 +111,7 @@ class Manifest:
             identities=_texts(raw.get("identities")),
             data_quality={str(dut): _numbers(item) for dut, item in _mapping(raw.get("data_quality")).items()},
             raw_queue=_numbers(raw.get("raw_queue")),
+            missing={str(dut): _texts(item) for dut, item in _mapping(raw.get("missing")).items()},
             events=tuple(_event(item) for item in _mappings(raw.get("events"))),
             message=_text(raw.get("message")).strip(),
             notes=tuple(dict.fromkeys(note for note in _lines(raw.get("notes")) if note)),

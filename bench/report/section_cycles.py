@@ -57,12 +57,23 @@ def cycles(data: ReportData) -> Section | None:
         "std over the noise floor, what white noise alone leaves in such averages. Guarded: rows outside what the "
         "model has learned from, where it falls back."
     )
-    tables = [_table(dut, models) for dut, models in metrics.items()]
+    tables = [made for dut, models in metrics.items() for made in (_table(dut, models), _measures(dut, models))]
     unsmoothed = [dut for dut, models in metrics.items() if UNSMOOTHED in models.get(UNCOMPENSATED, {})]
     if unsmoothed:
         tables.append(_unsmoothed({dut: metrics[dut] for dut in unsmoothed}))
+    remarks += _warnings(data)
     remarks += PUBLISHED.get(data.manifest.procedure.experiment or "", ())
     return Section("cycles", "Thermal cycles", (paragraph,), tuple(tables), tuple(drawn), tuple(remarks))
+
+
+def _warnings(data: ReportData) -> list[str]:
+    """What fits warned of, once for each model."""
+    try:
+        found = json.loads((data.run_dir / "analyses" / "cycles_warnings.json").read_text(encoding="utf-8"))
+        pairs = [(name, text) for models in found.values() for name, texts in models.items() for text in texts]
+    except (OSError, ValueError, AttributeError, TypeError, RecursionError):
+        return []
+    return [f"{model_name(str(name))} warned: {text}" for name, text in dict.fromkeys(pairs)]
 
 
 def _table(dut: str, models: Figures) -> Table:
@@ -72,13 +83,32 @@ def _table(dut: str, models: Figures) -> Table:
     for test in tests:
         columns += [Column("std, °/h"), Column("× floor")]
         groups.append((test.replace("_", " "), 2))
-    columns += [Column("Largest, °/h"), Column("Better, %"), Column("Guarded, %"), Column("Fit, ms")]
+    columns += [Column("Better, %"), Column("Guarded, %"), Column("Fit, ms")]
     first = next((test for test in tests if test != TRAIN), TRAIN)
-    groups += [(f"on {first.replace('_', ' ')}", 3), ("", 1)]
+    groups += [(f"on {first.replace('_', ' ')}", 2), ("", 1)]
     raw = models.get(UNCOMPENSATED, {}).get(first, {}).get("std_dps")
     rows = [_row(model, by, tests, first, raw) for model, by in models.items()]
     caption = f"DUT {dut}: what each model leaves. Better: than not compensated."
     return table(caption, columns, rows, groups)
+
+
+def _measures(dut: str, models: Figures) -> Table:
+    """The measures of the papers, on the first test."""
+    tests = [test for test in models.get(UNCOMPENSATED, {}) if test not in (TRAIN, UNSMOOTHED)] or [TRAIN]
+    columns = [Column("Model", False), Column("Bias stability, °/h"), Column("MAE, °/h"), Column("MSE, (°/h)²")]
+    columns += [Column("Largest, °/h")]
+    rows: list[list[str | Cell]] = []
+    for name, by in models.items():
+        one = by.get(tests[0], {})
+        mse = one.get("mse_dps2")
+        squared = MISSING if mse is None else significant(mse * DPH_PER_DPS**2)
+        rows.append([model_name(name), _dph(one.get("bias_stability_dps")), _dph(one.get("mae_dps")), squared])
+        rows[-1].append(_dph(one.get("max_abs_dps")))
+    caption = (
+        f"DUT {dut}, test '{tests[0].replace('_', ' ')}'. Bias stability: standard deviation (n − 1) of averages that "
+        "do not overlap, as GJB 2426A defines it; it is not the bias instability of an Allan curve."
+    )
+    return table(caption, columns, rows)
 
 
 def _unsmoothed(metrics: Mapping[str, Figures]) -> Table:
@@ -121,7 +151,7 @@ def _row(
     std = one.get("std_dps")
     better = MISSING if model == UNCOMPENSATED or not raw or std is None else f"{100 * (1 - std / raw):.1f}"
     guarded, fit_s = one.get("guarded"), by.get(TRAIN, {}).get("fit_s")
-    row += [_dph(one.get("max_abs_dps")), better, MISSING if guarded is None else f"{100 * guarded:.1f}"]
+    row += [better, MISSING if guarded is None else f"{100 * guarded:.1f}"]
     return [*row, MISSING if fit_s is None else significant(1e3 * fit_s, 3)]
 
 

@@ -36,11 +36,12 @@ Maker = Callable[[ReportData], Section | None]
 
 def makers() -> tuple[Maker, ...]:
     """The functions that make sections, in the order of the page."""
+    from bench.report.section_calibration import calibration
     from bench.report.section_cycles import cycles
     from bench.report.section_north import north
     from bench.report.section_records import records
 
-    return (records, cycles, north)
+    return (records, calibration, cycles, north)
 
 
 def sections(data: ReportData) -> list[Section]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
@@ -9,10 +10,11 @@ import numpy as np
 import pandas as pd
 
 from bench.report.data import DutData, ReportData
-from bench.report.formats import MISSING, count, fixed, setpoint, significant, unbroken
+from bench.report.formats import MISSING, count, duration, fixed, setpoint, significant, unbroken
 from bench.report.tables import Cell, Column, Table, table
 
 WORST_POINTS_SHOWN = 40
+LINKS_SHOWN = 40
 SLOPE, SLOPE_U = "dut_temperature_slope_degc_min", "dut_temperature_slope_u_degc_min"
 # Columns of points.csv that tell a damaged stream from one that lost whole frames.
 DAMAGE = {"resyncs": "resynchronisations", "skipped_bytes": "bytes skipped", "bad_checksum": "bad checksums"}
@@ -129,3 +131,30 @@ def _point_to_look_at(row: Mapping[Any, Any], damaged: bool) -> list[str | Cell]
         *([stream or MISSING] if damaged else []),
         str(row["reasons"]),
     ]
+
+
+def missing_points(data: ReportData) -> Table | None:
+    """Per DUT the points it lacks, and what measures them; None if it lacks none."""
+    missing = data.manifest.missing
+    if not missing:
+        return None
+    # A plan that was not carried out to its end goes on first.
+    option = " --missing" if data.manifest.outcome in ("PASS", "FAIL") else ""
+    command = f"fogbench resume {shlex.quote(data.manifest.run_id)}{option}"
+    rows: list[list[str | Cell]] = [
+        [Cell(dut, kind="nowrap"), left.get("not_measured") or MISSING, left.get("failed") or MISSING]
+        for dut, left in missing.items()
+    ]
+    columns = [Column("DUT", numeric=False), Column("Not measured", numeric=False), Column("Failed", numeric=False)]
+    return table(f"Missing points per DUT, by their numbers. They are measured by: {command}", columns, rows)
+
+
+def links(data: ReportData) -> Table | None:
+    """What was lost and found again, at most LINKS_SHOWN events; None if everything answered throughout."""
+    found = [event for event in data.manifest.events if event.kind == "link"]
+    if not found:
+        return None
+    more = f" The first {LINKS_SHOWN} of {count(len(found))} are listed." if len(found) > LINKS_SHOWN else ""
+    rows = [[duration(event.t_s), event.text] for event in found[:LINKS_SHOWN]]
+    columns = [Column("Bench time", numeric=False), Column("What happened", numeric=False)]
+    return table(f"Links that were lost, and found again.{more}", columns, rows)

@@ -12,6 +12,7 @@ from click.testing import CliRunner
 from bench.cli.compare import command
 from bench.compare.gather import Line, compare
 from bench.errors import UserMistake
+from tests.bench.analyses.test_cycles import CYCLES
 from tests.bench.campaigns import run_campaign
 from tests.bench.test_record import CYCLE
 
@@ -62,9 +63,21 @@ def test_the_command_writes_a_table_and_a_figure(run: Path, tmp_path: Path) -> N
     assert picture.tag.endswith("svg") and "T-S joint" in "".join(picture.itertext())
 
 
+def test_cycle_models_are_compared_on_the_tests_of_their_procedure(tmp_path: Path) -> None:
+    folder = run_campaign(tmp_path, "cycles", CYCLES).folder
+    lines = compare([folder], ["linear", "bp_network"], seeds=3)
+    figures = json.loads((folder / "analyses" / "cycles.json").read_text())["FOG-A01"]["linear"]
+    assert {line.split for line in lines} == {"train", "second", "warming"}
+    linear = line_of(lines, "FOG-A01", "linear", "second")
+    assert linear.std_dps.tolist() == [pytest.approx(figures["second"]["std_dps"])] and linear.parameters
+    # a network starts anew with every seed, a straight line has nothing to draw
+    network = line_of(lines, "FOG-A01", "bp_network", "second")
+    assert len(set(network.std_dps.tolist())) == 3
+
+
 def test_what_cannot_be_compared(run: Path, tmp_path: Path) -> None:
     with pytest.raises(UserMistake, match=r"unknown model 'lineer'.*Did you mean linear"):
         compare([run], ["lineer"], seeds=1)
     recorded = run_campaign(tmp_path, "recorded", CYCLE).folder
-    with pytest.raises(UserMistake, match="no points to compare"):
+    with pytest.raises(UserMistake, match="no points and no cycles"):
         compare([recorded], ["linear"], seeds=1)

@@ -1,0 +1,75 @@
+"""Calibration figures: what was measured, how well it is known, what it is; and the Allan curves."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from bench.allan.picture import draw
+from bench.analyses.calibration_words import expanded_of, value_of
+from bench.report.data import ReportData
+from bench.report.formats import fault
+from bench.report.sections import Section
+from bench.report.tables import Cell, Column, Table, table
+
+FILE = "calibration.json"
+ANCHOR, TITLE, LABEL = "calibration", "Calibration figures", "Calibration"
+ABOUT = (
+    "Every figure with its expanded uncertainty, or its limits, for 95 %. Output is divided by K first, then the "
+    "earth's rotation is taken off. Bias stability (spread of block means), bias instability (B of the Allan fit) and "
+    "the Allan minimum are three figures, never one for another. analyses/calibration.json has the conditions of each; "
+    "fogbench certificate puts them on one page with their uncertainty budgets."
+)
+CURVES = (
+    "Overlapping Allan deviation with its limits for 95 % (band), the fit (dashed) and the minimum (circle), which is "
+    "not the bias instability B."
+)
+
+
+def calibration(data: ReportData) -> Section | None:
+    """The section; None if the run has no calibration."""
+    path = data.run_dir / "analyses" / FILE
+    if not path.is_file():
+        return None
+    remarks: list[str] = []
+    try:
+        found: Mapping[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+        tables = [_table(dut, one["figures"]) for dut, one in found.items() if one["figures"]]
+        curves = [curve for dut, one in found.items() for curve in _curves(dut, one["tables"])]
+        drawn = [draw(curves, "allan", CURVES)] if curves else []
+        remarks = _definitions(found)
+    except (OSError, ValueError, AttributeError, TypeError, KeyError, RecursionError) as error:
+        text = f"analyses/{FILE} cannot be read ({fault(error, path)}): nothing of it is shown."
+        return Section(ANCHOR, TITLE, remarks=(text,), label=LABEL)
+    return Section(ANCHOR, TITLE, (ABOUT,), tuple(tables), tuple(drawn), tuple(remarks), LABEL)
+
+
+def _table(dut: str, figures: Sequence[Mapping[str, Any]]) -> Table:
+    columns = [Column("Figure", False), Column("", False), Column("Value"), Column("U, or limits", False)]
+    columns += [Column("Unit", False), Column("n"), Column("At", False)]
+    rows: list[list[str | Cell]] = [
+        [
+            Cell(one["symbol"], kind="nowrap"),
+            one["name"],
+            Cell(value_of(one), kind="nowrap"),
+            Cell(expanded_of(one), kind="nowrap"),
+            one["unit"].replace("deg", "°"),
+            str(one["n"]),
+            one["at"].replace("deg", "°"),
+        ]
+        for one in figures
+    ]
+    return table(f"DUT {dut}: calibration figures.", columns, rows)
+
+
+def _curves(dut: str, tables: Mapping[str, Any]) -> list[tuple[str, Mapping[str, Any]]]:
+    return [(f"{dut}, record {one['record']}", one) for one in tables.get("allan", ())]
+
+
+def _definitions(found: Mapping[str, Any]) -> list[str]:
+    """What each figure is, as its first appearance has it."""
+    seen: dict[str, str] = {}
+    for one in (figure for document in found.values() for figure in document["figures"]):
+        seen.setdefault(one["symbol"], f"{one['symbol']}: {one['definition']} ({one['source']}).")
+    return list(seen.values())
