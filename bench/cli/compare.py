@@ -11,7 +11,7 @@ import click
 from bench.cli.options import json_option, results_option, table
 
 if TYPE_CHECKING:
-    from bench.compare.gather import Line
+    from bench.compare.line import Line
 
 SPLITS = {"random_train": "random, training", "random": "random, held back", "leave_temperatures_out": "left out"}
 

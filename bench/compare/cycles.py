@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from bench.analyses.cycles import CycleResult, analyse_dut, cycle_models
-from bench.compare.gather import Line, Tell, parameters_of, predict_us
+from bench.compare.line import Line, Tell, parameters_of, predict_us
 from bench.procedure.analyses import CycleAnalysis
 from fitting.validation import UNCOMPENSATED
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from bench.compare.gather import Line
+from bench.compare.line import Line
 from bench.report import figures as fig
 from bench.report.wording import model_name, split_name
 from bench.runfolder import write_atomic

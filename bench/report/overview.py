@@ -11,7 +11,8 @@ from bench.report import figures, published, tables, tables_reference
 from bench.report.data import ReportData, read_run
 from bench.report.formats import duration, listed, ratio
 from bench.report.render import environment
-from bench.report.sections import Section, sections
+from bench.report.section import Section
+from bench.report.sections import sections
 from bench.report.tables import Cell, Column, Table, table
 from bench.runfolder import write_atomic
 

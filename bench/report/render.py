@@ -25,7 +25,8 @@ from bench.report.data import DutData, ReportData, read_run
 from bench.report.formats import count as counted
 from bench.report.formats import duration, listed, ratio
 from bench.report.residuals import ModelLoader
-from bench.report.sections import Section, sections
+from bench.report.section import Section
+from bench.report.sections import sections
 from bench.runfolder import write_atomic
 
 if TYPE_CHECKING:

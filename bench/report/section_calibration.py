@@ -10,7 +10,7 @@ from bench.allan.picture import draw
 from bench.analyses.calibration_words import expanded_of, value_of
 from bench.report.data import ReportData
 from bench.report.formats import fault
-from bench.report.sections import Section
+from bench.report.section import Section
 from bench.report.tables import Cell, Column, Table, table
 
 FILE = "calibration.json"

@@ -13,7 +13,7 @@ import pandas as pd
 from bench.report import figures as fig
 from bench.report.data import ReportData
 from bench.report.formats import MISSING, fault, significant
-from bench.report.sections import Section
+from bench.report.section import Section
 from bench.report.tables import Cell, Column, Table, table
 from bench.report.wording import model_name
 

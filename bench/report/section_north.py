@@ -11,7 +11,7 @@ import pandas as pd
 from bench.report import figures as fig
 from bench.report.data import ReportData
 from bench.report.formats import MISSING, fault, significant
-from bench.report.sections import Section
+from bench.report.section import Section
 from bench.report.tables import Column, Table, table
 
 PUBLISHED = (

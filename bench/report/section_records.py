@@ -12,7 +12,7 @@ from bench.report import figures as fig
 from bench.report.data import ReportData
 from bench.report.figures_campaign import envelope
 from bench.report.formats import count, duration, fault, significant
-from bench.report.sections import Section
+from bench.report.section import Section
 from bench.report.tables import Cell, Column, Table, table
 from bench.series import series_file
 

@@ -3,33 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 from bench.report.data import ReportData
-from bench.report.figures import Figure
-from bench.report.tables import Table
-
-
-@dataclass(frozen=True)
-class Section:
-    """One section between the campaign and the data quality: paragraphs, tables, figures, then remarks as a list.
-
-    `anchor` is its place in the page, `short` what the list of contents calls it (the title if empty).
-    """
-
-    anchor: str
-    title: str
-    paragraphs: tuple[str, ...] = ()
-    tables: tuple[Table, ...] = ()
-    figures: tuple[Figure, ...] = ()
-    remarks: tuple[str, ...] = ()
-    label: str = ""
-
-    @property
-    def short(self) -> str:
-        """What the list of contents calls it."""
-        return self.label or self.title
-
+from bench.report.section import Section
 
 Maker = Callable[[ReportData], Section | None]
 

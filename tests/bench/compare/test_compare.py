@@ -10,7 +10,8 @@ import pytest
 from click.testing import CliRunner
 
 from bench.cli.compare import command
-from bench.compare.gather import Line, compare
+from bench.compare.gather import compare
+from bench.compare.line import Line
 from bench.errors import UserMistake
 from tests.bench.analyses.test_cycles import CYCLES
 from tests.bench.campaigns import run_campaign
