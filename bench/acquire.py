@@ -10,13 +10,14 @@ from typing import Any, Literal, cast
 import numpy as np
 
 from bench.engine import Engine
+from bench.instruments import Gyro
 from bench.noise import NoiseHistory
 from bench.points import Figures, Row, point_row
-from bench.procedure.language import Acquire, Quality
+from bench.procedure.conditions import Quality
+from bench.procedure.language import Acquire
 from bench.procedure.plan import PlannedStep
 from bench.rawstore import RawFile, RawStore
 from bench.reduction import Samples, point_statistics, spikes, to_samples
-from bench.station import Gyro
 from drivers.codecs.batch import FrameBatch
 from drivers.codecs.counters import Losses
 
@@ -119,11 +120,12 @@ class RecordingAcquirer:
         self._given_up = {dut for dut, verdict in newest.items() if verdict == "fail"}
 
     def acquire(self, engine: Engine, step: PlannedStep) -> None:
-        """Measure a point of every DUT; again, if one failed and that DUT has not been given up."""
+        """Measure a point of every DUT; again, if one failed that is still there and has not been given up."""
         for repeat in range(self._quality.repeats + 1):
             measured = self._measure(engine, step)
             bad = {item.dut: item.row["reasons"] for item in measured if item.row["verdict"] == "fail"}
-            if repeat == self._quality.repeats or not bad.keys() - self._given_up:
+            engine.tend_links(engine)
+            if repeat == self._quality.repeats or not (bad.keys() & engine.station.gyros.keys()) - self._given_up:
                 break
             text = f"point {step.point} is measured again: {'; '.join(f'{dut} {why}' for dut, why in bad.items())}"
             engine.log.append("warning", engine.clock.now(), step=step.number, text=text)

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from importlib.metadata import entry_points
 
-from bench.benchfile import Site
+from bench.bench_entries import Site
+from bench.calibration_problems import calibration_problems
 from bench.errors import Mark, Problem, did_you_mean
 from bench.procedure.analyses import CYCLE_MODELS, SEEKING_POSITIONS_DEG, Analysis, CycleAnalysis
 from bench.procedure.language import Record
@@ -39,6 +40,7 @@ def analysis_problems(procedure: ParsedProcedure, plan: Sequence[PlannedStep]) -
         yield from _fit_problems(procedure.head.analysis, procedure, [step for step in plan if step.point is not None])
     yield from _cycle_problems(procedure, plan)
     yield from _north_problems(procedure, plan)
+    yield from calibration_problems(procedure, plan)
 
 
 def _fit_problems(analysis: Analysis, procedure: ParsedProcedure, points: Sequence[PlannedStep]) -> Iterator[Problem]:

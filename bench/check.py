@@ -8,13 +8,15 @@ from pathlib import Path
 
 from bench.analysis_problems import analysis_problems, model_problems, site_problems
 from bench.benchfile import Bench, load_bench
+from bench.calibration_problems import calibration_site_problems
 from bench.composition import check_simulation
 from bench.errors import InvalidFiles, Mark, Problem
+from bench.guard_problems import guard_problems
 from bench.overrides import Override, editor
 from bench.power_problems import power_problems
+from bench.procedure.conditions import Band
 from bench.procedure.language import (
     Acquire,
-    Band,
     Dwell,
     GoToPosition,
     ProcedureHead,
@@ -94,9 +96,11 @@ def check(
     problems += bench_problems
     if bench:
         problems += [*_safe_problems(bench), *safe_reach_problems(bench), *check_simulation(bench)]
+        problems += guard_problems(procedure, bench)
     if procedure and bench:
         problems += [problem for step in plan for problem in _step_problems(step, bench)]
         problems += site_problems(procedure, bench.file.site, bench.document)
+        problems += calibration_site_problems(procedure, plan, bench.file.site, bench.document)
         problems += [*_limit_problems(plan, procedure.head, bench), *reach_problems(plan, bench)]
         problems += power_problems(plan, bench)
     if problems or procedure is None or bench is None:

@@ -11,12 +11,14 @@ from typing import Any
 
 from can import CanError
 
-from bench.benchfile import SIMULATED_CAN, Bench, CanPort, Instrument
+from bench.benchfile import Bench, CanPort, Instrument
 from bench.clock import Clock, VirtualClock, WallClock
-from bench.errors import BenchFailure, InvalidFiles, Problem, UserMistake, did_you_mean
-from bench.faultfile import read_faults, without_faults
+from bench.errors import BenchFailure, InvalidFiles, Problem, did_you_mean
+from bench.faultfile import read_faults
 from bench.fields import changed, model_of, refused, validate, validate_dataclass
-from bench.station import Station, open_station
+from bench.opening import open_station
+from bench.rewiring import check_identifiers, rehearsed, rewired
+from bench.station import Station
 from bench.yamlfile import Path_
 from simulated_hw.live import LiveBench
 from simulated_hw.live import LiveOptions as LiveOptions
@@ -28,6 +30,7 @@ from simulated_hw.world import (
     GyroParameters,
     InstrumentSpec,
     SiteParameters,
+    SupplyParameters,
     TableParameters,
     World,
     WorldError,
@@ -36,11 +39,11 @@ from simulated_hw.world import (
     gyro_class,
 )
 
-# Frames per second of a rehearsed gyro: the engine's waits and the wire are the same, the frames a hundredth.
-REHEARSED_RATE_HZ = 1.0
 DEFAULT_GYRO_CLASS = "ts_a"
 SIMULATORS = "fogbench.simulators"
-SIMULATION_KEYS = ("seed", "chamber", "rate_table", "duts", "faults")
+# The truth of a resumed run's attempt n is in a folder attempt-n inside that of its first.
+LATER_ATTEMPT = "attempt-"
+SIMULATION_KEYS = ("seed", "chamber", "rate_table", "supply", "duts", "faults")
 
 
 def seed_of(bench: Bench) -> int:
@@ -64,17 +67,18 @@ def open_bench(
     start_s: float = 0.0,
     duts: Collection[str] | None = None,
     may_be_absent: Collection[str] = (),
+    may_be_off: bool = False,
 ) -> Iterator[tuple[Station, Clock]]:
     """Open a bench, real or virtual, for a run whose clock begins at `start_s`; of the DUTs as `open_station` has it.
 
     Raises BenchFailure; closes everything on the way out. A virtual bench begins at rest and at room temperature.
     """
     if bench.virtual:
-        with _simulated(bench, seed, truth_dir, start_s, duts, may_be_absent) as opened:
+        with _simulated(bench, seed, truth_dir, start_s, duts, may_be_absent, may_be_off) as opened:
             yield opened
         return
     clock = WallClock(start_s, bench.file.clock.speed)
-    station = open_station(bench, clock, duts, may_be_absent)
+    station = open_station(bench, clock, duts, may_be_absent, may_be_off)
     try:
         yield station, clock
     finally:
@@ -86,33 +90,6 @@ def open_rehearsal(bench: Bench, seed: int) -> Iterator[tuple[Station, Clock]]:
     """Open the bench with the matching simulator under every driver; real ports are not touched."""
     with _simulated(rehearsed(bench), seed, None) as opened:
         yield opened
-
-
-def rehearsed(bench: Bench) -> Bench:
-    """The bench with simulated ports instead of its own, slow gyros, and no faults."""
-    wired = _rewired(bench, "rehearsal")
-    duts = {
-        serial: dataclasses.replace(item, settings=dataclasses.replace(item.settings, data_rate_hz=REHEARSED_RATE_HZ))
-        for serial, item in wired.duts.items()
-    }
-    return without_faults(dataclasses.replace(wired, duts=duts))
-
-
-def _rewired(bench: Bench, name: str) -> Bench:
-    """The bench with a simulated port of its own for every instrument."""
-
-    def wired(item: Instrument) -> Instrument:
-        if isinstance(item.port, CanPort):
-            channel = f"{name}-{item.name}"
-            port: str | CanPort = item.port.model_copy(update={"interface": SIMULATED_CAN, "channel": channel})
-        else:
-            port = f"sim://{name}-{item.role}-{item.name}".replace(" ", "-")
-        # A simulator answers for its kind, not for the instrument on the bench.
-        return dataclasses.replace(item, port=port, identity=None)
-
-    duts = {serial: wired(item) for serial, item in bench.duts.items()}
-    chamber, table = bench.chamber, bench.rate_table
-    return dataclasses.replace(bench, chamber=chamber and wired(chamber), rate_table=table and wired(table), duts=duts)
 
 
 LivePorts = dict[Path_, str | dict[str, Any]]
@@ -131,10 +108,10 @@ def open_live(
 
     Yields it, and what stands under `port:` to connect to each instrument. Raises UserMistake and BenchFailure.
     """
-    wired = _rewired(bench, "live")
+    wired = rewired(bench, "live")
     rates = {item.address: item.port.bitrate for item in wired.instruments if isinstance(item.port, CanPort)}
     if options.can:
-        _check_identifiers(wired)
+        check_identifiers(wired)
     options = dataclasses.replace(options, bitrates=rates)
     live = LiveBench(_world_spec(wired, seed), options, truth_dir, truth_period_s, tell)
     try:
@@ -154,20 +131,6 @@ def open_live(
         live.close()
 
 
-def _check_identifiers(bench: Bench) -> None:
-    """Gyros that are put on one bus need identifiers of their own."""
-    taken: dict[int, str] = {}
-    for item in bench.duts.values():
-        if isinstance(item.port, CanPort) and hasattr(item.driver_class, "can_id"):
-            number = item.driver_class.can_id(item.settings)
-            other = taken.setdefault(number, item.name)
-            if other != item.name:
-                raise UserMistake(
-                    f"{other} and {item.name} send the same identifier {number & 0x1FFFFFFF:X}; on one bus each needs "
-                    "its own (setting can_id). Without --can each gets an adapter of its own."
-                )
-
-
 @contextmanager
 def _simulated(
     bench: Bench,
@@ -176,15 +139,16 @@ def _simulated(
     start_s: float = 0.0,
     duts: Collection[str] | None = None,
     may_be_absent: Collection[str] = (),
+    may_be_off: bool = False,
 ) -> Iterator[tuple[Station, Clock]]:
-    world = World(_world_spec(bench, seed), truth_dir, start_s)
+    world = World(_world_spec(bench, seed), truth_dir, start_s, earlier=_truth_before(truth_dir))
     try:
         world.open()
     except (WorldError, OSError) as error:
         raise BenchFailure(f"the virtual bench cannot be built: {error}") from error
     try:
         clock = VirtualClock(world.env)
-        station = open_station(bench, clock, duts, may_be_absent)
+        station = open_station(bench, clock, duts, may_be_absent, may_be_off)
         try:
             yield station, clock
         finally:
@@ -193,20 +157,31 @@ def _simulated(
         world.close()
 
 
+def _truth_before(truth_dir: Path | None) -> list[Path]:
+    """Where the truth of a run's earlier attempts is: of the first in the folder around, of the others beside it."""
+    if truth_dir is None or not truth_dir.name.startswith(LATER_ATTEMPT):
+        return []
+    beside = sorted(truth_dir.parent.glob(f"{LATER_ATTEMPT}*"))
+    return [truth_dir.parent, *(folder for folder in beside if folder != truth_dir)]
+
+
 def _world_spec(bench: Bench, seed: int) -> WorldSpec:
     problems: list[Problem] = []
     parameters = _parameters(bench, problems)
     if parameters is None:
         raise InvalidFiles(problems)
-    chamber, table, gyros, faults = parameters
+    chamber, table, supply, gyros, faults = parameters
     return WorldSpec(
         seed=seed,
         chamber=_spec(bench.chamber) if bench.chamber else None,
         rate_table=_spec(bench.rate_table) if bench.rate_table else None,
         duts={serial: _spec(item) for serial, item in bench.duts.items()},
+        supply=_spec(bench.supply) if bench.supply else None,
+        powered=bench.powered,
         site=SiteParameters(bench.file.site.latitude_deg, bench.file.site.azimuth_deg),
         chamber_parameters=chamber,
         table_parameters=table,
+        supply_parameters=supply,
         gyro_parameters=gyros,
         faults=faults,
     )
@@ -216,7 +191,9 @@ def _spec(item: Instrument) -> InstrumentSpec:
     return InstrumentSpec(driver=item.driver, address=item.address, settings=item.settings_mapping)
 
 
-Parameters = tuple[ChamberParameters, TableParameters, dict[str, GyroParameters], tuple[FaultSpec, ...]]
+Parameters = tuple[
+    ChamberParameters, TableParameters, SupplyParameters, dict[str, GyroParameters], tuple[FaultSpec, ...]
+]
 
 
 def _parameters(bench: Bench, problems: list[Problem]) -> Parameters | None:
@@ -231,6 +208,7 @@ def _parameters(bench: Bench, problems: list[Problem]) -> Parameters | None:
         problems.append(Problem(document.mark(("simulation", "seed")), "'seed': a whole number is expected."))
     chamber = _section(bench, ("simulation", "chamber"), ChamberParameters, problems)
     table = _section(bench, ("simulation", "rate_table"), TableParameters, problems)
+    supply = _supply(bench, problems)
     given = simulation.get("duts") or {}
     for serial in given if isinstance(given, dict) else ():
         if serial not in bench.duts:
@@ -240,7 +218,9 @@ def _parameters(bench: Bench, problems: list[Problem]) -> Parameters | None:
         serial: _gyro(bench, serial, isinstance(given, dict) and serial in given, problems) for serial in bench.duts
     }
     faults = tuple(FaultSpec(*fault) for fault in read_faults(bench, FAULTS, faults_of, problems))
-    return None if problems else (chamber, table, {serial: gyro for serial, gyro in gyros.items() if gyro}, faults)
+    if problems or supply is None:
+        return None
+    return chamber, table, supply, {serial: gyro for serial, gyro in gyros.items() if gyro}, faults
 
 
 def _without_simulator(bench: Bench) -> list[Problem]:
@@ -259,6 +239,32 @@ def _section(bench: Bench, path: Path_, declared: Callable[[], Any], problems: l
     if bench.file.simulation.get(str(path[-1])) is None:
         return declared()
     return validate_dataclass(declared, bench.document, path, problems)  # type: ignore[arg-type]
+
+
+def _supply(bench: Bench, problems: list[Problem]) -> SupplyParameters | None:
+    """A supply that can do what the driver's settings ask for, changed where the bench file says so."""
+    settings, usual = bench.supply.settings if bench.supply else None, SupplyParameters()
+    voltage_v = getattr(settings, "voltage_v", None) or usual.voltage_v
+    current_a = getattr(settings, "current_limit_a", None) or usual.current_limit_a
+    preset = dataclasses.replace(
+        usual,
+        voltage_v=voltage_v,
+        current_limit_a=current_a,
+        max_voltage_v=max(usual.max_voltage_v, voltage_v),
+        max_current_a=max(usual.max_current_a, current_a),
+        # DUTs for which it is enough, whatever it is.
+        lowest_voltage_v=min(usual.lowest_voltage_v, 0.6 * voltage_v),
+        dut_current_a=min(usual.dut_current_a, current_a / (2.0 * max(1, len(bench.powered)))),
+    )
+    path: Path_ = ("simulation", "supply")
+    if bench.file.simulation.get("supply") is None:
+        return preset
+    values = validate(model_of(SupplyParameters), bench.document, path, problems)
+    try:
+        return None if values is None else changed(preset, values)
+    except ValueError as error:
+        problems.append(refused(bench.document, path, str(error)))
+        return None
 
 
 def _gyro(bench: Bench, serial: str, given: bool, problems: list[Problem]) -> GyroParameters | None:

@@ -93,7 +93,11 @@ def _outcome(
     failure: FogbenchError | None,
 ) -> tuple[str, ExitCode, str]:
     """PASS, FAIL, ERROR or ABORTED (law 9): an unmeasured quantity is not passed."""
-    unsafe = [entry["text"] for entry in entries if entry["kind"] == "safe" and entry["text"].startswith(NOT_SAFE)]
+    unsafe = [
+        entry["text"]
+        for entry in _newest_attempt(entries)
+        if entry["kind"] == "safe" and entry["text"].startswith(NOT_SAFE)
+    ]
     warning = f"; {'; '.join(unsafe)}" if unsafe else ""
     if isinstance(failure, Interrupted) and not unsafe:
         return "ABORTED", ExitCode.INTERRUPTED, "interrupted; the bench was brought to its safe state"
@@ -111,6 +115,12 @@ def _outcome(
         return "FAIL", ExitCode.FAILED, "; ".join(reasons)
     measured = "record made" if series and not len(points) else "point measured"
     return "PASS", ExitCode.PASSED, f"every {measured}" + (", all limits met" if judged else "; no limit was set")
+
+
+def _newest_attempt(entries: Sequence[Entry]) -> Sequence[Entry]:
+    """What was recorded since the run was last taken up, which found the bench as it was left before."""
+    begun = [number for number, entry in enumerate(entries) if entry["kind"] == "resumed"]
+    return entries[begun[-1] :] if begun else entries
 
 
 def _left_over(entries: Sequence[Entry]) -> list[str]:

@@ -5,11 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-from bench.benchfile import Bench, Links
+from bench.bench_entries import Links
+from bench.benchfile import Bench
 from bench.engine import Engine
+from bench.instruments import Gyro
 from bench.journal import Entry
+from bench.opening import LISTENING_PERIOD_S, LISTENING_PERIODS, open_instrument
 from bench.procedure.plan import PlannedStep
-from bench.station import LISTENING_PERIOD_S, LISTENING_PERIODS, Gyro, Station, open_instrument
+from bench.station import Station
 from bench.units import format_duration
 from drivers.codecs.batch import FrameBatch, Meaning
 from drivers.codecs.counters import Losses
@@ -122,7 +125,7 @@ class _Away:
 class DutLinks:
     """The links of all DUTs of a run.
 
-    The engine calls `tend` at every poll and `before_step` before every step, never during an acquisition.
+    The engine calls `tend` at every poll, never during an acquisition, and `before_step` before every step.
     """
 
     bench: Bench
@@ -153,7 +156,10 @@ class DutLinks:
         return {name: link.losses for name, link in self.links.items()}
 
     def before_step(self, engine: Engine, step: PlannedStep) -> None:
-        """Look after the links; wait if no DUT is left, unless some are only off. Raises BenchFailure when that was for too long."""
+        """Look after the links; wait if no DUT is left, unless some are only off.
+
+        Raises BenchFailure when that was for too long.
+        """
         self.tend(engine)
         began_s = engine.clock.now()
         while not (self.station.gyros or self.station.off):

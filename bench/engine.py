@@ -12,11 +12,12 @@ import numpy as np
 from bench.benchfile import Bench
 from bench.clock import Clock
 from bench.errors import BenchFailure, FogbenchError
+from bench.instruments import Gyro
 from bench.journal import Log
-from bench.procedure.language import Guard
+from bench.procedure.conditions import Guard
 from bench.procedure.plan import PlannedStep
 from bench.reduction import slope
-from bench.station import Gyro, Station
+from bench.station import Station
 from drivers.codecs.batch import FrameBatch
 from drivers.errors import BadReply, DriverError, NoReply, PortError
 
@@ -72,6 +73,10 @@ class Tripped(FogbenchError):
 
 class LinkLost(BenchFailure):
     """Chamber or table did not answer, or not sensibly, in a step."""
+
+
+# What may be overcome: see `recovery`.
+TROUBLE = (Tripped, LinkLost, *LINK_ERRORS)
 
 
 class Acquirer(Protocol):
@@ -139,8 +144,7 @@ class Engine:
     watch_period_s: float = WATCH_PERIOD_S
     before_step: Callable[[Engine, PlannedStep], None] = lambda engine, step: None
     check_guards: Callable[[Engine], None] = lambda engine: None
-    on_trip: Callable[[Engine, PlannedStep, Tripped], PlannedStep] | None = None
-    on_link: Callable[[Engine, PlannedStep, LinkLost], PlannedStep] | None = None
+    recover: Callable[[Engine, PlannedStep, Exception], PlannedStep] | None = None
     tend_links: Callable[[Engine], None] = lambda engine: None
     recorder: Recorder = field(default_factory=SilentRecorder)
     readbacks: Readbacks = field(default_factory=Readbacks)
@@ -169,27 +173,13 @@ class Engine:
             self.before_step(self, step)
             self.execute(step)
             return None
-        except (Tripped, LinkLost, *LINK_ERRORS) as error:
-            trouble: Exception = error
-        while True:
-            try:
-                return self._overcome(step, trouble)
-            except (Tripped, LinkLost, *LINK_ERRORS) as error:
-                if error is trouble:
-                    raise
-                trouble = error
-
-    def _overcome(self, step: PlannedStep, trouble: Exception) -> PlannedStep:
-        """Make the bench ready for a step that was broken off. Raises the trouble if nobody sees to it."""
-        self.recorder.disturbed(str(trouble))
-        if isinstance(trouble, Tripped):
-            if self.on_trip is None:
-                raise trouble
-            return self.on_trip(self, step, trouble)
-        lost = trouble if isinstance(trouble, LinkLost) else LinkLost(str(self.fail(step, str(trouble))))
-        if self.on_link is None:
-            raise lost
-        return self.on_link(self, step, lost)
+        except TROUBLE as error:
+            if self.recover is None:
+                if isinstance(error, LINK_ERRORS):
+                    raise self.lost(step, error) from error
+                raise
+            trouble = error
+        return self.recover(self, step, trouble)
 
     def execute(self, step: PlannedStep, again: bool = False) -> None:
         """Carry out one step; `again` if it was done before and only brings the bench back to where it was."""
@@ -203,7 +193,7 @@ class Engine:
             self.check_guards(self)
             self.steps[step.verb](self, step)
         except LINK_ERRORS as error:
-            raise LinkLost(str(self.fail(step, str(error)))) from error
+            raise self.lost(step, error) from error
         except DriverError as error:
             raise self.fail(step, str(error)) from error
 
@@ -272,3 +262,7 @@ class Engine:
     def fail(self, step: PlannedStep, message: str) -> BenchFailure:
         """The error for a step whose condition was not met."""
         return BenchFailure(f"step {step.number} '{step.verb}' ({step.mark}): {message}")
+
+    def lost(self, step: PlannedStep, error: DriverError) -> LinkLost:
+        """The error for a step in which an instrument did not answer."""
+        return LinkLost(str(self.fail(step, str(error))))

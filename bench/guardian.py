@@ -1,8 +1,9 @@
 """The guardian: a small process that outlives the run process of a real bench and makes the bench safe in its place.
 
 The runner sends it a beat down a pipe whenever it waits. When the pipe breaks (the runner died) or stays silent for too
-long (it hangs, and is killed first), the guardian takes the ports of table and chamber, brings them to their declared
-safe states, and tries again until that worked. What it did is in guardian.json of the run folder.
+long (it hangs, and is killed first), the guardian takes the ports of table and chamber, and of a supply that is to be
+switched off, brings them to their declared safe states, and tries again until that worked; an instrument that is not
+the one the run began with is not commanded. What it did is in guardian.json of the run folder.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ import select
 import signal
 import subprocess
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, cast
 
@@ -21,10 +23,10 @@ from bench.clock import WallClock, utc_now
 from bench.engine import Engine
 from bench.errors import BenchFailure, InvalidFiles
 from bench.journal import MemoryLog, load_journal
+from bench.opening import open_commanded
 from bench.overrides import editor, parse_overrides
 from bench.runfolder import DECLARATIONS, write_json
 from bench.safe import make_safe
-from bench.station import open_commanded
 
 FILE, LOG = "guardian.json", "guardian.log"
 # A runner waits in slices of a second and asks an instrument for a few at most; half a minute of silence is no work.
@@ -79,11 +81,11 @@ class Guardian:
 
 def watch(folder: Path, runner: int, patience_s: float) -> None:
     """Be the guardian of a run: returns when dismissed, or when the bench is safe or was tried for long enough."""
-    bench = _recorded_bench(folder)
+    bench, identities = _recorded(folder)
     os.write(sys.stdout.fileno(), READY)
     why = _wait_for_trouble(runner, patience_s)
     if why:
-        _take_over(folder, bench, why)
+        _take_over(folder, bench, identities, why)
 
 
 def _wait_for_trouble(runner: int, patience_s: float) -> str | None:
@@ -101,13 +103,13 @@ def _wait_for_trouble(runner: int, patience_s: float) -> str | None:
             return "the run process died"
 
 
-def _take_over(folder: Path, bench: Bench, why: str) -> None:
+def _take_over(folder: Path, bench: Bench, identities: Mapping[str, str], why: str) -> None:
     clock, log = WallClock(), MemoryLog()
     tries, failures = 0, ["not tried"]
     while failures and clock.now() < PERSISTENCE_S:
         tries += 1
         log.entries.clear()
-        station, failures = open_commanded(bench, clock)
+        station, failures = open_commanded(bench, clock, identities)
         # The engine only carries what making safe needs: no step is run here.
         engine = Engine({}, bench, station, clock, log, cast(Any, None))
         failures += make_safe(engine)
@@ -120,13 +122,21 @@ def _take_over(folder: Path, bench: Bench, why: str) -> None:
             clock.wait(RETRY_S)
 
 
-def _recorded_bench(folder: Path) -> Bench:
-    """The bench of a run from the copies in its folder. Raises InvalidFiles."""
-    overrides = parse_overrides(load_journal(folder / "journal.jsonl")[0].get("overrides", []))
+def _recorded(folder: Path) -> tuple[Bench, dict[str, str]]:
+    """The bench of a run from the copies in its folder, and who its instruments said that they are when it began.
+
+    Raises InvalidFiles.
+    """
+    entries = load_journal(folder / "journal.jsonl")
+    overrides = parse_overrides(entries[0].get("overrides", []))
     bench, problems = load_bench(folder / "bench.yaml", editor(overrides, "bench"), folder / DECLARATIONS)
     if bench is None:
         raise InvalidFiles(problems)
-    return bench
+    identities: dict[str, str] = {}
+    for entry in entries:
+        if entry["kind"] == "identities":
+            identities |= entry["found"]
+    return bench, identities
 
 
 if __name__ == "__main__":

@@ -5,16 +5,18 @@ Checked before the first step, on entry to every step and at every readback; a g
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Sequence
 
 from bench.engine import Engine, Tripped
 from bench.errors import BenchFailure
-from bench.procedure.language import Guard, ResumePolicy
+from bench.procedure.conditions import Guard
 from bench.procedure.plan import PlannedStep
-from bench.resumption import Interruption, reestablish
 from bench.units import format_duration
 from bench.watches import Trip, Watches
 
+# A step that was held this often trips its guard by itself.
+MOST_HOLDS = 10
 # What every bench is guarded against, unless its file or the procedure has a guard of the same name.
 BUILT_IN = (
     Guard.model_validate({"name": "chamber_alarm", "watch": "chamber_alarm"}),
@@ -68,31 +70,22 @@ def _drop(engine: Engine, trips: Sequence[Trip]) -> None:
             raise BenchFailure(f"no DUT is left: {'; '.join(text for why in texts.values() for text in why)}")
 
 
-def responder(
-    guards: Sequence[Guard], plan: Sequence[PlannedStep], policy: ResumePolicy
-) -> Callable[[Engine, PlannedStep, Tripped], PlannedStep]:
-    """What the engine calls when guards tripped: returns what is left of the broken-off step when it may go on."""
+class Holds:
+    """What is done when guards tripped: the run ends, or the bench is held until all is clear."""
 
-    def respond(engine: Engine, step: PlannedStep, trip: Tripped) -> PlannedStep:
-        before_degc, began_s = dict(engine.readbacks.dut_degc), engine.clock.now()
-        begun, since_s = engine.begun
-        soaked_s = began_s - since_s if begun == step.number else 0.0
-        # What the step has lasted is counted once.
-        engine.begun = 0, began_s
-        planned = [*plan[: step.number - 1], step]
-        while True:
-            engine.log.append("guard", engine.clock.now(), text=str(trip), step=step.number)
-            _abort_if_asked(trip, f"step {step.number} '{step.verb}' ({step.mark})")
-            _hold(engine, trip, f"step {step.number} '{step.verb}' ({step.mark})")
-            # A DUT that was dropped meanwhile is not asked whether it stayed as warm.
-            before_degc = {name: degc for name, degc in before_degc.items() if name in engine.station.gyros}
-            try:
-                stop = Interruption(step.number - 1, began_s, soaked_s, before_degc)
-                return reestablish(engine, planned, stop, engine.clock.now() - began_s, policy)[0]
-            except Tripped as again:
-                trip = again
+    def __init__(self) -> None:
+        self._of_step: Counter[int] = Counter()
 
-    return respond
+    def see_to(self, engine: Engine, step: PlannedStep, trip: Tripped) -> None:
+        """Returns when the bench may go on. Raises BenchFailure if a guard says abort, or if it was held for long or
+        often enough."""
+        where = f"step {step.number} '{step.verb}' ({step.mark})"
+        engine.log.append("guard", engine.clock.now(), text=str(trip), step=step.number)
+        _abort_if_asked(trip, where)
+        self._of_step[step.number] += 1
+        if self._of_step[step.number] > MOST_HOLDS:
+            raise BenchFailure(f"{where}: {trip} (given up after it was held {MOST_HOLDS} times)")
+        _hold(engine, trip, where)
 
 
 def _abort_if_asked(trip: Tripped, where: str) -> None:

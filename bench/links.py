@@ -1,4 +1,4 @@
-"""Chamber, table and supply that stop answering: the bench waits at rest, the link is tried again, the step is done again.
+"""Chamber, table, supply that stop answering: the bench waits at rest, links are tried again, the step is done again.
 
 A question may be asked again at any time; a command that was under way may have been half done, so it is never simply
 repeated: the setpoints are re-established and the broken-off step begins anew. The instrument may have been off.
@@ -7,19 +7,19 @@ repeated: the setpoints are re-established and the broken-off step begins anew. 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any
 
 from bench.benchfile import Bench, Instrument
 from bench.engine import LINK_ERRORS, Engine, LinkLost, Tripped
 from bench.errors import BenchFailure
-from bench.procedure.language import ResumePolicy
+from bench.instruments import RateTable
+from bench.opening import open_known, recognise
 from bench.procedure.plan import PlannedStep
-from bench.resumption import Interruption, reestablish
-from bench.station import RateTable, energise, identify, open_instrument
+from bench.station import energise
 from bench.units import format_duration
-from drivers.errors import DriverError
+from drivers.errors import DriverError, Refused
 
 # A step that was broken off this often fails in a way that trying again does not mend.
 MOST_BREAKS = 10
@@ -43,33 +43,23 @@ class Silent:
 
 @dataclass
 class CommandedLinks:
-    """What the engine calls when chamber, table or supply did not answer; returns the step that is left to do."""
+    """What is done when chamber, table or supply did not answer in a step."""
 
     bench: Bench
-    plan: Sequence[PlannedStep]
-    policy: ResumePolicy
     _breaks: Counter[int] = field(default_factory=Counter)
 
-    def restore(self, engine: Engine, step: PlannedStep, lost: LinkLost) -> PlannedStep:
-        """Get the lost instruments back and bring the bench where it was.
+    def see_to(self, engine: Engine, step: PlannedStep, lost: LinkLost) -> None:
+        """Get the lost instruments back, at rest and under power.
 
-        Raises BenchFailure if that takes longer than the patience of the bench file, or if another instrument answers.
+        Raises BenchFailure if that takes longer than the patience of the bench file, or if another instrument answers;
+        Tripped if a guard wants to end the run meanwhile.
         """
         self._breaks[step.number] += 1
         if self._breaks[step.number] > MOST_BREAKS:
             raise BenchFailure(f"{lost} (given up after {MOST_BREAKS} tries)")
-        began_s, before_degc = engine.clock.now(), dict(engine.readbacks.dut_degc)
-        begun, since_s = engine.begun
-        soaked_s = began_s - since_s if begun == step.number else 0.0
-        # What the step has lasted is counted once.
-        engine.begun = 0, began_s
         back = _Search(self.bench, engine, step, lost).run(self._breaks[step.number])
         if self.bench.rate_table in back and engine.station.table:
             _take_up(engine, self.bench.rate_table, engine.station.table)
-        stop = Interruption(step.number - 1, began_s, soaked_s, before_degc)
-        plan = [*self.plan]
-        plan[step.number - 1] = step
-        return reestablish(engine, plan, stop, engine.clock.now() - began_s, self.policy)[0]
 
 
 @dataclass
@@ -122,11 +112,15 @@ class _Search:
             if not driver:
                 continue
             try:
-                self._compare(item, identify(driver, item))
+                recognise(self.engine.station, item, driver)
                 if item.role == "rate_table":
-                    driver.set_rate_dps(0.0)
+                    # One that is not under power refuses, and need not be brought to rest.
+                    with suppress(Refused):
+                        driver.set_rate_dps(0.0)
             except LINK_ERRORS as error:
                 self._take_out(item, driver, str(error))
+            except BenchFailure as another:
+                raise self._exchanged(another) from another
 
     def _take_out(self, item: Instrument, driver: Any, why: str) -> None:
         engine = self.engine
@@ -144,46 +138,27 @@ class _Search:
             self._ask_all()
         except Tripped as trip:
             if trip.trips[0][0].action != "hold":
-                if engine.on_trip is None:
-                    raise
-                engine.on_trip(engine, self.step, trip)
+                raise
 
     def _try(self, name: str, began_s: float) -> None:
         """Open the port anew and ask who is there."""
         engine, item = self.engine, self._named(name)
-        engine.station.shut(name)
         try:
-            driver, engine.station.closers[name] = open_instrument(item, engine.clock)
-            found = self._found(item, driver)
+            open_known(engine.station, item, engine.clock)
         except LINK_ERRORS as error:
             self.why = str(error)
-            engine.station.shut(name)
             return
-        except BenchFailure:
-            engine.station.shut(name)
-            raise
+        except BenchFailure as another:
+            raise self._exchanged(another) from another
         del self.away[name]
-        engine.station.put(item.role, driver)
-        text = f"'{found}' answers again after {format_duration(engine.clock.now() - began_s)}"
+        text = (
+            f"'{engine.station.identities[name]}' answers again after {format_duration(engine.clock.now() - began_s)}"
+        )
         engine.log.append("link", engine.clock.now(), instrument=name, state="restored", text=text)
         engine.log.commit()
 
-    def _found(self, item: Instrument, driver: Any) -> str:
-        """Who answers; asked twice if it seems to be another, for a late answer to an older question may come first."""
-        try:
-            self._compare(item, found := identify(driver, item))
-        except BenchFailure:
-            self._compare(item, found := identify(driver, item))
-        return found
-
-    def _compare(self, item: Instrument, found: str) -> None:
-        before = self.engine.station.identities.get(item.name, found)
-        if found != before:
-            raise BenchFailure(
-                f"step {self.step.number} '{self.step.verb}' ({self.step.mark}): at {item.address}, where '{before}' "
-                f"was, '{found}' answers now. Connect the right instrument, then go on with: fogbench resume; it was "
-                "not commanded."
-            )
+    def _exchanged(self, another: BenchFailure) -> BenchFailure:
+        return self.engine.fail(self.step, f"{another} Then go on with: fogbench resume.")
 
 
 def _take_up(engine: Engine, item: Instrument, table: RateTable) -> None:

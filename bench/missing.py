@@ -14,6 +14,7 @@ from bench.procedure.language import (
     EndRecord,
     GoToPosition,
     Note,
+    Power,
     RampTemperature,
     Record,
     SetRate,
@@ -68,16 +69,17 @@ def missing_of(entries: Sequence[Entry], plan: Sequence[PlannedStep]) -> Missing
 def steps_for(plan: Sequence[PlannedStep], missing: Missing) -> list[PlannedStep]:
     """The steps that make what is missing under the conditions of the whole plan, with the numbers they have there.
 
-    Of a temperature with nothing missing no step is left. Of the others those are: the move, with the table as it was
-    before it; every soak and dwell; the motion right before a point, with its settling.
+    Of a temperature with nothing missing no step is left. Of the others those are: the move, with the table and the
+    DUTs' power as they were before it; every soak and dwell; the motion right before a point, with its settling.
     """
     kept: list[PlannedStep] = []
     pending: list[PlannedStep] = []
     motion: PlannedStep | None = None
+    power: PlannedStep | None = None
     for step in plan:
         args = step.args
         if isinstance(args, SetTemperature | RampTemperature) and step.record_step not in missing.records:
-            pending = [*([motion] if motion else []), step]
+            pending = [*(before for before in (motion, power) if before), step]
         elif step.record_step in missing.records or step.point in missing.points:
             kept += [*pending, step]
             pending = []
@@ -87,6 +89,8 @@ def steps_for(plan: Sequence[PlannedStep], missing: Missing) -> list[PlannedStep
             pending.append(step)
         if isinstance(args, SetRate | GoToPosition):
             motion = step
+        elif isinstance(args, Power):
+            power = step
     return kept
 
 
@@ -116,14 +120,17 @@ def only_missing(steps: Mapping[str, Action], missing: Missing) -> dict[str, Act
 def _among(engine: Engine, wanted: Collection[str], measure: Callable[[], None]) -> bool:
     """Measure with no other DUTs than these; whether there was one."""
     station = engine.station
-    everybody = station.gyros
+    everybody, off = station.gyros, station.off
     mine = {dut: gyro for dut, gyro in everybody.items() if dut in wanted}
-    if not mine:
+    # A record may begin while its DUTs are off.
+    mine_off = {dut: gyro for dut, gyro in off.items() if dut in wanted}
+    if not mine and not mine_off:
         return False
-    station.gyros = dict(mine)
+    station.gyros, station.off = dict(mine), mine_off
     try:
         measure()
     finally:
+        station.off = off
         # Without those that were dropped or lost meanwhile.
         gone = mine.keys() - station.gyros.keys()
         station.gyros = {dut: gyro for dut, gyro in {**everybody, **station.gyros}.items() if dut not in gone}

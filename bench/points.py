@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bench.journal import Entry
-from bench.procedure.language import Quality
+from bench.procedure.conditions import Quality
 from bench.procedure.plan import PlannedStep
 from bench.reduction import PointStatistics, held_frames
 from bench.replacement import begins_anew, joined
@@ -168,17 +168,20 @@ def judge(row: Row, figures: Figures, quality: Quality) -> tuple[str, str]:
     """The verdict pass, marginal or fail with its reasons.
 
     Each figure is compared with its limit: above it the point is marginal, above `fail_at` times it the point fails. A
-    point without samples, or whose output never changed, fails outright: a frozen gyro has a valid checksum. What was
-    to be measured and was not makes a point marginal (law 9).
+    point without samples, or whose output never changed (unless a dead band is looked for), fails outright: a frozen
+    gyro has a valid checksum. What was to be measured and was not makes a point marginal (law 9).
     """
     if not row["samples"]:
         return "fail", "no samples"
-    if row["frames_held"] and row["frames_held"] == row["frames"] - 1:
+    frozen = bool(row["frames_held"]) and row["frames_held"] == row["frames"] - 1
+    if frozen and quality.frozen == "fail":
         return "fail", "output frozen"
     checks = _checks(row, figures, quality)
     reasons = [
         f"{name} {value:.4g} over {limit:g} {unit}".rstrip() for name, value, limit, unit in checks if value > limit
     ]
+    if frozen:
+        reasons.append("output frozen")
     if row["dut_temperature_slope_u_degc_min"] is None:
         reasons.append("DUT temperature slope not measured")
     if row["rate_setpoint_dps"] is not None and row["rate_readback_dps"] is None:
@@ -194,7 +197,7 @@ def _checks(row: Row, figures: Figures, quality: Quality) -> list[tuple[str, flo
     checks = [
         ("frames lost", row["frames_lost"] * of_frames, lost_ppm, "ppm"),
         ("frames invalid by their status", invalid * of_frames, lost_ppm, "ppm"),
-        ("frames frozen", row["frames_held"] * of_frames, lost_ppm, "ppm"),
+        ("frames frozen", row["frames_held"] * of_frames, _held_ppm(quality), "ppm"),
         ("spikes", row["spikes"] * of_frames, quality.spikes_ppm, "ppm"),
         ("outliers", row["outliers"] / figures.planned_samples * 1e6, quality.outliers_ppm, "ppm"),
         ("noise against the DUT's own", _certain_ratio(row), quality.noise_ratio, ""),
@@ -205,6 +208,11 @@ def _checks(row: Row, figures: Figures, quality: Quality) -> list[tuple[str, flo
         checks.append(("table off its rate", mean, quality.rate_band_dps, "deg/s"))
         checks.append(("table off its rate at one time", worst, quality.rate_worst_dps, "deg/s"))
     return checks
+
+
+def _held_ppm(quality: Quality) -> float:
+    """Frames that may be held; in a dead band any number."""
+    return quality.lost_ppm if quality.frozen == "fail" else math.inf
 
 
 def _certain_ratio(row: Row) -> float:

@@ -29,6 +29,8 @@ def power(engine: Engine, step: PlannedStep) -> None:
         for gyro in station.off.values():
             gyro.discard()
     else:
+        # A supply that does not answer has switched nothing.
+        station.supply.is_on()
         _lay_off(engine)
     began_s = engine.clock.now()
     if wrong := switch_output(station.supply, on, engine.clock, args.timeout_s):

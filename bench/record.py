@@ -2,26 +2,29 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from typing import Any, cast
 
 from bench.engine import Engine
-from bench.procedure.language import Quality, Record
+from bench.instruments import Gyro
+from bench.procedure.conditions import Quality
+from bench.procedure.language import Record
 from bench.procedure.plan import PlannedStep
 from bench.rawstore import RawFile, RawStore
 from bench.series import Columns, Growing, part_name
-from bench.station import Gyro
 from drivers.codecs.batch import FrameBatch
 from drivers.codecs.counters import Losses
 
 
 @dataclass
 class _Series:
-    """One DUT of the record under way."""
+    """One DUT of the record under way; one that is off when the record begins has no beginning yet."""
 
     gyro: Gyro
     growing: Growing
     before: Losses
+    started_at_s: float | None
 
 
 @dataclass
@@ -33,6 +36,7 @@ class _Open:
     every_s: float
     started_at_s: float
     series: dict[str, _Series]
+    now: Callable[[], float]
     disturbed: list[str] = field(default_factory=list)
 
 
@@ -49,18 +53,24 @@ class SeriesRecorder:
         return self._open is not None
 
     def begin(self, engine: Engine, step: PlannedStep) -> None:
-        """Listen from now on."""
-        args = cast(Record, step.args)
+        """Listen from now on, to a DUT that is off from its first frame."""
+        args, began_s, station = cast(Record, step.args), round(engine.clock.now(), 6), engine.station
         series = {}
-        for dut, gyro in engine.station.gyros.items():
+        for dut, gyro in {**station.gyros, **station.off}.items():
             gyro.discard()
-            series[dut] = _Series(gyro, Growing(args.every_s * gyro.data_rate_hz), gyro.losses)
-        self._open = _Open(step.number, step, args.every_s, round(engine.clock.now(), 6), series)
+            growing = Growing(args.every_s * gyro.data_rate_hz)
+            series[dut] = _Series(gyro, growing, gyro.losses, None if dut in station.off else began_s)
+        self._open = _Open(step.number, step, args.every_s, began_s, series, engine.clock.now)
 
     def heard(self, dut: str, batch: FrameBatch) -> None:
         """Add what a DUT sent."""
         if self._open is not None and dut in self._open.series:
-            self._keep(dut, self._open.series[dut].growing.take(batch))
+            one = self._open.series[dut]
+            if one.started_at_s is None and len(batch):
+                # The newest frame has just come in; the first began its interval by as much earlier.
+                lasted_s = (int(batch.index[-1]) - int(batch.index[0]) + 1) / one.gyro.data_rate_hz
+                one.started_at_s = round(max(self._open.started_at_s, self._open.now() - lasted_s), 6)
+            self._keep(dut, one.growing.take(batch))
 
     def disturbed(self, why: str) -> None:
         """Note what happened to the bench meanwhile: the record is no longer what was asked for."""
@@ -71,16 +81,21 @@ class SeriesRecorder:
         """Write the last parts and say in the journal what there is; durable when this returns."""
         engine.poll()
         record = self._open
-        assert record is not None
-        lasted_s = engine.clock.now() - record.started_at_s
-        rows = int(lasted_s / record.every_s + 1e-9)
+        if record is None:  # nobody who lacks it could be heard
+            return
+        planned = {dut: self._planned(record, one, engine.clock.now()) for dut, one in record.series.items()}
         for dut, one in record.series.items():
-            self._keep(dut, one.growing.finish(rows))
+            self._keep(dut, one.growing.finish(planned[dut]))
         self._store.flush()
         for dut, one in record.series.items():
-            about = self._about(record, dut, one, rows, engine.clock.now())
+            about = self._about(record, dut, one, planned[dut], engine.clock.now())
             engine.log.append("series", engine.clock.now(), about=about)
         self._open = None
+
+    def _planned(self, record: _Open, one: _Series, now_s: float) -> int:
+        """Rows from the beginning of a series to now."""
+        began_s = record.started_at_s if one.started_at_s is None else one.started_at_s
+        return int((now_s - began_s) / record.every_s + 1e-9)
 
     def _keep(self, dut: str, part: tuple[FrameBatch, Columns] | None) -> None:
         if part is None:
@@ -101,7 +116,7 @@ class SeriesRecorder:
             "record": record.number,
             "label": record.step.record,
             "dut": dut,
-            "started_at_s": record.started_at_s,
+            "started_at_s": record.started_at_s if one.started_at_s is None else one.started_at_s,
             "every_s": record.every_s,
             "first_index": one.growing.start,
             "source": one.gyro.describe(),
@@ -117,7 +132,7 @@ class SeriesRecorder:
             "record": record.number,
             "label": record.step.record,
             "dut": dut,
-            "started_at_s": record.started_at_s,
+            "started_at_s": record.started_at_s if one.started_at_s is None else one.started_at_s,
             "ended_at_s": round(now_s, 6),
             "every_s": record.every_s,
             "rows": growing.rows,

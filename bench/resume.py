@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from bench.attempt import record_files
 from bench.check import Checked, check
 from bench.clock import seconds_since_changed
 from bench.dutlinks import left_out
@@ -16,9 +17,9 @@ from bench.journal import Entry, load_journal
 from bench.manifest import missing_points, planned, sha256
 from bench.missing import Missing, missing_of, steps_for
 from bench.overrides import Override, parse_overrides
+from bench.preparation import Prepared, Resumed
 from bench.refit import complete
-from bench.resumption import interruption_of
-from bench.run import Prepared, Resumed, record_files
+from bench.resumption import interruption_of, off_before
 from bench.runfolder import DECLARATIONS, INCLUDED
 from bench.series import finished_series
 
@@ -44,7 +45,7 @@ def prepare_resume(folder: Path, accept: Sequence[str] = (), missing: bool = Fal
     seed = int(entries[0]["seed"])
     absent = left_out(entries)
     if not missing:
-        resumed = Resumed(stop, gap_s, attempt, accepted, None, absent)
+        resumed = Resumed(stop, gap_s, attempt, accepted, None, absent, off_before(checked.plan, stop.next_step))
         return Prepared(folder, checked, seed, rehearse(checked, seed), overrides, resumed)
     lacking = missing_of(entries, checked.plan)
     resumed = Resumed(stop, gap_s, attempt, accepted, lacking, absent)

@@ -9,7 +9,8 @@ from bench.control import Control
 from bench.engine import Engine
 from bench.journal import Entry
 from bench.points import finished_rows
-from bench.procedure.language import GoToPosition, RampTemperature, ResumePolicy, SetRate, SetTemperature, Settle, Soak
+from bench.procedure.conditions import ResumePolicy
+from bench.procedure.language import GoToPosition, Power, RampTemperature, SetRate, SetTemperature, Settle, Soak
 from bench.procedure.plan import PlannedStep
 from bench.units import format_duration
 
@@ -51,14 +52,15 @@ def reestablish(
     """Bring the bench back to the conditions of the next step; what of the plan remains, its first step shortened if
     it is a soak that may go on.
 
-    A record that was broken off begins again from its first step. The chamber's setpoint comes first, then the soak
-    unless it held over the gap, then the table's rate. On the way to a temperature the one before is not gone back to.
+    A record that was broken off begins again from its first step. The DUTs' power comes first, then the chamber's
+    setpoint, then the soak unless it held over the gap, then the table's rate. On the way to a temperature the one
+    before is not gone back to.
     """
-    index = stop.next_step
-    inside = plan[index].record_step if index < len(plan) else None
-    if inside is not None and not engine.recorder.active:
-        index = inside - 1
+    index = stop.next_step if engine.recorder.active else _beginning(plan, stop.next_step)
     before = plan[:index]
+    switched = _last(before, (Power,))
+    if switched is not None:
+        engine.execute(before[switched], again=True)
     moving = index < len(plan) and isinstance(plan[index].args, SetTemperature | RampTemperature)
     chamber = None if moving else _last(before, (SetTemperature, RampTemperature))
     if chamber is not None:
@@ -77,6 +79,30 @@ def reestablish(
     if rest and isinstance(rest[0].args, Soak) and held and stop.soaked_s > 0:
         rest[0] = _shortened(rest[0], rest[0].args, stop.soaked_s)
     return rest
+
+
+def take_up(
+    engine: Engine, plan: Sequence[PlannedStep], stop: Interruption, gap_s: float, policy: ResumePolicy
+) -> list[PlannedStep]:
+    """As `reestablish`, for a run that goes on in another process: DUTs that should be off and are not are switched off
+    again, for as long as the plan has it."""
+    if off_before(plan, stop.next_step) and not engine.station.off:
+        switched = _last(plan[: _beginning(plan, stop.next_step)], (Power,))
+        assert switched is not None
+        stop = replace(stop, next_step=switched, soaked_s=0.0)
+    return reestablish(engine, plan, stop, gap_s, policy)
+
+
+def off_before(plan: Sequence[PlannedStep], next_step: int) -> bool:
+    """Whether the DUTs are to be off when a run goes on with this step of its plan, or with the record it is in."""
+    index = _beginning(plan, next_step)
+    return index > 0 and plan[index - 1].off
+
+
+def _beginning(plan: Sequence[PlannedStep], index: int) -> int:
+    """Where the record begins that the step is inside of; the step itself outside of one."""
+    inside = plan[index].record_step if index < len(plan) else None
+    return index if inside is None else inside - 1
 
 
 def pauser(

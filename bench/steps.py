@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import cast
 
 from bench.engine import Engine
+from bench.instruments import Chamber, RateTable
 from bench.power import power
 from bench.procedure.language import (
     Dwell,
@@ -18,7 +19,6 @@ from bench.procedure.language import (
     Soak,
 )
 from bench.procedure.plan import PlannedStep
-from bench.station import Chamber, RateTable
 from bench.units import format_duration
 
 # Table readbacks while waiting for a rate or a position: often enough to see the ringing of a servo (0.2-2 s).

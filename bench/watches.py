@@ -11,8 +11,8 @@ import numpy as np
 
 from bench.benchfile import Instrument
 from bench.engine import Engine
-from bench.procedure.language import Guard
-from bench.station import Gyro
+from bench.instruments import Gyro
+from bench.procedure.conditions import Guard
 from bench.units import format_duration
 from drivers.codecs.batch import FrameBatch
 from drivers.codecs.counters import Losses
@@ -65,8 +65,8 @@ class Stream:
         else:
             others = np.flatnonzero(raw != last)
             if len(others) or last != self.value:
-                same = len(raw) - 1 - (others[-1] if len(others) else -1)
-                self.same_since_s = now_s - same / data_rate_hz
+                repeats = len(raw) - 2 - (others[-1] if len(others) else -1)
+                self.same_since_s = now_s - repeats / data_rate_hz
         self.value = last
 
     def complaint(self, now_s: float, lost_ppm: float) -> str | None:

@@ -1,8 +1,11 @@
-"""python3 do.py bench [NAME...]: all benchmarks, or those named (streams, fitting, cycles, campaign ...)."""
+"""python3 do.py bench [NAME...]: all benchmarks, or those named (streams, fitting, cycles, campaign ...).
+
+python3 do.py bench peers [OPTION...]: our models beside other packages; among all only if some are installed.
+"""
 
 import sys
 
-from benchmarks import campaign, commands, cycles, fitting, random_errors, streams
+from benchmarks import campaign, commands, cycles, fitting, peers, random_errors, streams
 
 ALL = {
     "commands": commands.main,
@@ -11,12 +14,16 @@ ALL = {
     "cycles": cycles.main,
     "campaign": campaign.main,
     "random_errors": random_errors.main,
+    "peers": peers.main,
 }
 
 
 def main() -> int:
     """Run the benchmarks named on the command line, or all."""
-    names = sys.argv[1:] or list(ALL)
+    if sys.argv[1:2] == ["peers"]:
+        peers.main(sys.argv[2:])
+        return 0
+    names = sys.argv[1:] or [name for name in ALL if name != "peers" or peers.any_installed()]
     unknown = [name for name in names if name not in ALL]
     if unknown:
         print(f"unknown benchmark {unknown[0]}. Allowed: {', '.join(ALL)}", file=sys.stderr)

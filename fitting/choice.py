@@ -1,8 +1,9 @@
 """Which of several models to keep, complexity included: cross-validation over groups of rows.
 
 Rows of one temperature dwell share errors that a random split lets a model memorise (fitting notes, section 5); so
-whole groups are left out, and the simplest model is kept that is not clearly worse than the best: by the
-one-standard-error rule (Breiman et al., 1984), with the standard error of the difference over groups.
+whole groups are left out, and the simplest model is kept that is not worth less than the best: by the
+one-standard-error rule (Breiman et al., 1984), with the standard error of the difference over groups, between a
+tolerance below which a difference does not matter and a limit above which it does, however uncertain it is.
 """
 
 from collections.abc import Sequence
@@ -25,6 +26,9 @@ _BLOCKS = 12
 _HOPELESS = 9.0
 # What the next larger member of a family must gain, as a share, or the family ends there.
 _WORTHWHILE = 0.02
+# Rms error as a multiple of the smallest: always good enough, and never. Surface A with dwell errors: without the
+# first a model a hundredth worse in every dwell gives way to one far worse in a few.
+_AS_GOOD, _WORSE = 1.05, 1.2
 
 
 @dataclass(frozen=True)
@@ -55,11 +59,16 @@ class Score:
 
 @dataclass(frozen=True)
 class Choice:
-    """scores: of all candidates tried; chosen, best: the one kept, and the one with the smallest error."""
+    """scores: of all candidates tried; good: those not worth less than the best, the simplest first; best."""
 
     scores: tuple[Score, ...]
-    chosen: Score
+    good: tuple[Score, ...]
     best: Score
+
+    @property
+    def chosen(self) -> Score:
+        """The one kept: the simplest of the good."""
+        return self.good[0]
 
     @property
     def estimator(self) -> Any:
@@ -123,7 +132,7 @@ def choose(
         numbers = groups_of(inputs[:, 0])
     if len(target) < 4:
         only = Score(families[0][0], np.full(int(numbers.max()) + 1, np.nan), float("nan"), float("nan"), False)
-        return Choice((only,), only, only)
+        return Choice((only,), (only,), only)
     trial = _Trial(inputs, target, numbers, folds)
     scores: list[Score] = []
     for family in families:
@@ -178,9 +187,15 @@ def _decided(scores: list[Score], sizes: NDArray[np.intp]) -> Choice:
     weights = sizes / sizes.sum()
     judged = [replace(score, excess_se=_standard_error(score.squares - best.squares, weights)) for score in scores]
     best = judged[scores.index(best)]
-    good = [score for score in judged if score.complete and score.rms**2 <= best.rms**2 + score.excess_se]
-    chosen = min(good, key=lambda score: (score.n_parameters, score.rms))
-    return Choice(tuple(judged), chosen, best)
+    good = [score for score in judged if score.complete and _good_enough(score, best)]
+    good.sort(key=lambda score: (score.n_parameters, score.rms))
+    return Choice(tuple(judged), tuple(good), best)
+
+
+def _good_enough(score: Score, best: Score) -> bool:
+    if score.rms <= _AS_GOOD * best.rms:
+        return True
+    return score.rms <= _WORSE * best.rms and score.rms**2 <= best.rms**2 + score.excess_se
 
 
 def _standard_error(differences: NDArray[np.float64], weights: NDArray[np.float64]) -> float:

@@ -1,13 +1,13 @@
 """Gaussian process with one length a input, white noise and an unknown linear trend, by restricted likelihood.
 
-y = P b + f + e with f a process of covariance a R, R = exp(-sum_k d_k^2 / (2 l_k^2)), e white of variance a lambda and b
-free (Rasmussen and Williams, 2006, sections 2.7 and 5.4). With C = R + lambda I and
+y = P b + f + e with f a process of covariance a R, R = exp(-sum_k d_k^2 / (2 l_k^2)), e white of variance a lambda and
+b free (Rasmussen and Williams, 2006, sections 2.7 and 5.4). With C = R + lambda I and
 Q = C^-1 - C^-1 P (P'C^-1 P)^-1 P'C^-1: a = y'Q y / (n - q), and what is minimised over log l_k and log lambda is
 (n - q) log a + log|C| + log|P'C^-1 P|, of gradient tr(Q dC) - (Q y)' dC (Q y) / a.
 """
 
 from dataclasses import dataclass
-from typing import Literal, overload
+from typing import Any, Literal, overload
 
 import numpy as np
 import scipy.linalg
@@ -41,6 +41,14 @@ class Posterior:
     weights: NDArray[np.float64]  # Q y, (n,)
     amplitude: float
     cost: float
+
+    @property
+    def freedom(self) -> float:
+        """Effective degrees of freedom, n - lambda tr Q, the trend's included."""
+        n = len(self.factor)
+        inverse = scipy.linalg.solve_triangular(self.factor, np.eye(n), lower=True, check_finite=False)
+        trend = np.trace(self.trend_covariance @ (self.projected.T @ self.projected))
+        return float(n - self.noise * (np.sum(inverse**2) - trend))
 
 
 class RestrictedLikelihood:
@@ -98,7 +106,8 @@ class RestrictedLikelihood:
         ends = []
         for length, noise in _STARTS:
             start = np.log([length] * len(self.squares) + [noise])
-            end = minimize(self, start, jac=True, method="L-BFGS-B", bounds=limits, options={"maxiter": 60})
+            settings: dict[str, Any] = {"method": "L-BFGS-B", "bounds": limits, "options": {"maxiter": 60}}
+            end: Any = minimize(self, start, (), jac=True, **settings)
             ends.append((float(end.fun), tuple(end.x)))
         found = self.posterior(np.array(min(ends)[1]))
         if found is None:
@@ -110,7 +119,7 @@ class GaussianProcess(CompensationEstimator):
     """Gaussian process regression; `predict(X, return_std=True)` states the standard uncertainty of each value.
 
     Attributes, in the units of X and y: lengths_ of the columns used, (d,); noise_std_, of one row; amplitude_std_, of
-    the process. model_, training_: see `CompensationEstimator`.
+    the process; n_parameters_, effective degrees of freedom. model_, training_: see `CompensationEstimator`.
     """
 
     model_: KernelModel
@@ -127,6 +136,7 @@ class GaussianProcess(CompensationEstimator):
         self.posterior_ = found
         self.lengths_ = found.lengths * scaling.std
         self.amplitude_std_ = std * float(np.sqrt(found.amplitude))
+        self.n_parameters_ = found.freedom
         self.noise_std_ = self.amplitude_std_ * float(np.sqrt(found.noise))
         model = KernelModel(
             scaling.columns,
@@ -153,7 +163,7 @@ class GaussianProcess(CompensationEstimator):
     def predict(
         self, X: ArrayLike, return_std: bool = False
     ) -> NDArray[np.float64] | tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Output for X (n, k), shape (n,); with return_std also its standard uncertainty, without the noise of a row."""
+        """Output for X (n, k), (n,); with return_std also its standard uncertainty, without the noise of a row."""
         values = super().predict(X)
         return (values, self._std(X)) if return_std else values
 

@@ -50,8 +50,9 @@ def shared_slopes(n_rules: int, n_inputs: int, common: tuple[int, ...]) -> NDArr
 class VariableProjection:
     """min over theta of |y - Phi(p) theta|^2 + ridge |theta|^2, as a function of p.
 
-    inputs: (n, d) z-scores; targets: (n,) z-scores; common: inputs whose slope all rules share (`shared_slopes`). The ridge bounds the condition of the Gram matrix by n / ridge,
-    below 1e12 for a grid campaign: Cholesky then leaves the residual exact to 1e-10, in a third of the time of QR.
+    inputs: (n, d) z-scores; targets: (n,) z-scores; common: inputs whose slope all rules share (`shared_slopes`).
+    The ridge bounds the condition of the Gram matrix by n / ridge, below 1e12 for a grid campaign: Cholesky then leaves
+    the residual exact to 1e-10, in a third of the time of QR.
     The final consequents are computed by QR all the same (`consequents.batch`).
     """
 

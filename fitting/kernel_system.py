@@ -40,7 +40,7 @@ class KernelSystem:
         # The complement alone, with P's own directions moved above all others, where they are told from them.
         projected = kernel - inside @ span.T
         projected -= span @ (span.T @ projected)
-        top = 2.0 * float(np.abs(projected).sum(axis=1).max(initial=0.0)) + 1.0
+        top = 2.0 * max(float(np.trace(projected)), 0.0) + 1.0
         projected += top * (span @ span.T)
         values, vectors = scipy.linalg.eigh(projected, overwrite_a=True, check_finite=False, driver="evd")
         rank = len(kernel) - span.shape[1]
@@ -51,6 +51,10 @@ class KernelSystem:
         """1 / (s + ridge), (rank, ridges); a ridge below rounding is raised to it."""
         smallest = np.finfo(np.float64).eps * max(float(self.values.max(initial=0.0)), np.finfo(np.float64).tiny)
         return np.asarray(1.0 / (self.values[:, np.newaxis] + np.maximum(ridges, smallest)))
+
+    def freedom(self, ridge: float) -> float:
+        """Degrees of freedom: the trace of the matrix that takes targets to fitted values, P included."""
+        return float(len(self.kernel) - ridge * self.shrink(np.array([ridge])).sum())
 
     def weights(self, targets: NDArray[np.float64], ridges: NDArray[np.float64]) -> NDArray[np.float64]:
         """a for every ridge, (n, ridges); targets: (n,)."""

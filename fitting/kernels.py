@@ -47,7 +47,7 @@ def monomial_powers(n_inputs: int, degree: int) -> NDArray[np.intp]:
         for total in range(degree + 1)
         for chosen in combinations_with_replacement(range(n_inputs), total)
     ]
-    return np.array(rows, dtype=np.intp).reshape(-1, n_inputs)
+    return np.array(rows, dtype=np.intp).reshape(len(rows), n_inputs)
 
 
 def monomials(rows: NDArray[np.float64], powers: NDArray[np.intp]) -> NDArray[np.float64]:

@@ -32,7 +32,7 @@ class LinearCompensation(RegressorMixin, BaseEstimator):  # type: ignore[misc]
 
     Attributes, in the units of X and y: coefficients_ (k + 1,), zero for a constant column; coefficients_u_ (k + 1,),
     standard uncertainties for white residuals, NaN if there are no more rows than coefficients; scaling_,
-    target_mean_, target_std_; training_ (hash, ranges, residuals).
+    target_mean_, target_std_; n_parameters_, of columns that vary; training_ (hash, ranges, residuals).
     """
 
     @one_thread()
@@ -45,6 +45,7 @@ class LinearCompensation(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         scaled = self.scaling_.apply(inputs)
         solution = batch(np.column_stack([np.ones(len(target)), scaled]), scaled_target, 0.0)
         self._set_coefficients(solution.theta, solution.unit_covariance, inputs.shape[1])
+        self.n_parameters_ = len(solution.theta)
         self.model_ = LinearModel(self.coefficients_)
         prediction = self.model_.predict(inputs)
         self.training_ = TrainingRecord.of(inputs, target, prediction)

@@ -81,8 +81,8 @@ class LeastSquaresSVM(CompensationEstimator):
     Parameters
     ----------
     gamma, sigma: regularisation and kernel width, in z-scores; None chooses them by the exact leave-one-out error over
-        13 widths and 13 gammas, with one eigendecomposition a width (fitting notes, section 6). `fit` with groups leaves
-        whole groups out instead, as errors common to a temperature dwell require.
+        13 widths and 13 gammas, with one eigendecomposition a width (fitting notes, section 6). With groups,
+        `fit` leaves out whole groups instead, as errors common to a temperature dwell require.
     trend: what is not penalised: 'constant', the bias term of the textbook, or 'linear'. A rate that is nearly the true
         one is learned forty times better beside a linear trend, and the published figures can only be meant so.
     stretch: when sigma is None, adapt the width of each input by itself as well.
@@ -90,7 +90,8 @@ class LeastSquaresSVM(CompensationEstimator):
     Attributes
     ----------
     gamma_: as used; widths_: of the columns used, in units of X, (d,); left_out_std_: root mean square of the left-out
-    errors in the unit of y, NaN when nothing was tuned. model_, training_: see `CompensationEstimator`.
+    errors in the unit of y; n_parameters_: effective degrees of freedom. model_, training_: see
+    `CompensationEstimator`.
     """
 
     def __init__(
@@ -121,6 +122,7 @@ class LeastSquaresSVM(CompensationEstimator):
         weights, coefficients = best.system.solve(scaled_target, 1.0 / best.gamma)
         self.gamma_, self.widths_ = best.gamma, best.widths * scaling.std
         self.left_out_std_ = std * float(np.sqrt(best.error))
+        self.n_parameters_ = best.system.freedom(1.0 / best.gamma)
         # The kernel sees z / width, the trend was solved on z.
         coefficients = coefficients * np.prod(best.widths**powers, axis=1)
         model = KernelModel(

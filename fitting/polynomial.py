@@ -55,9 +55,11 @@ class PolynomialCompensation(CompensationEstimator):
     dependent terms share what they explain, and nothing else changes.
 
     Attributes: powers_ (m, d); coefficients_ (m,) and their standard uncertainties for white residuals
-    coefficients_u_, in the unit of y, NaN if there are no more rows than terms; columns_: the columns used, (d,).
-    model_, training_: see `CompensationEstimator`.
+    coefficients_u_, in the unit of y, NaN if there are no more rows than terms; columns_: the columns used, (d,);
+    n_parameters_: m. model_, training_: see `CompensationEstimator`.
     """
+
+    model_: PolynomialModel
 
     def __init__(self, degree: int = 3, ridge: float = 1e-10) -> None:
         self.degree = degree
@@ -74,6 +76,7 @@ class PolynomialCompensation(CompensationEstimator):
         used = inputs[:, self.columns_]
         low, high = used.min(axis=0), used.max(axis=0)
         self.powers_ = _powers(len(self.columns_), self.degree)
+        self.n_parameters_ = len(self.powers_)
         scaled_target, mean, std = scale_target(target)
         middle, half = 0.5 * (low + high), 0.5 * (high - low)
         basis = PolynomialModel(self.columns_, middle, half, self.powers_, np.zeros(len(self.powers_)))
@@ -99,3 +102,8 @@ def _powers(n_inputs: int, degree: int) -> NDArray[np.intp]:
             f"{MOST_TERMS}. Lower the degree."
         )
     return monomial_powers(n_inputs, degree)
+
+
+def fifth() -> PolynomialCompensation:
+    """Of total degree 5, the highest that the fitting notes compare."""
+    return PolynomialCompensation(5)

@@ -24,7 +24,7 @@ class RadialBasisSpline(CompensationEstimator):
     given to `fit` by leaving whole groups out.
 
     Attributes: smoothing_, as used; left_out_std_, root mean square of the left-out errors in the unit of y, NaN when
-    nothing was chosen. model_, training_: see `CompensationEstimator`.
+    nothing was chosen; n_parameters_, effective degrees of freedom. model_, training_: see `CompensationEstimator`.
     """
 
     def __init__(self, smoothing: float | None = None) -> None:
@@ -49,6 +49,7 @@ class RadialBasisSpline(CompensationEstimator):
             found = system.tune(scaled_target, scale * _TRIED, numbers)
             smoothing, self.left_out_std_ = found.ridge, std * float(np.sqrt(found.error))
         self.smoothing_ = smoothing
+        self.n_parameters_ = system.freedom(smoothing)
         weights, coefficients = system.solve(scaled_target, smoothing)
         model = KernelModel(
             scaling.columns, scaling.mean, scaling.std, "quintic", scaled, weights, powers, coefficients, mean, std

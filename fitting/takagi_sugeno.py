@@ -44,9 +44,9 @@ class TakagiSugeno(RegressorMixin, BaseEstimator):  # type: ignore[misc]
     n_rules: number of rules, or 'auto': by cross-validation over groups of rows (`fitting.choice`), as many as pay off.
     antecedents: 'joint' (variable projection) or 'gustafson_kessel' (the published clustering in product space).
     structure: 'free': each rule has sets and slopes of its own, unless rules with shared sets are nearly as good;
-        'tied' (joint only): the sets of an input are shared and of one width, and all inputs but the last, the rate, act
-        with one slope in all rules; 'auto' (joint only): the better of both in the cross-validation. Tied rules have a
-        fifth of the freedom, and win where errors are common to a dwell.
+        'tied' (joint only): the sets of an input are shared and of one width, and all inputs but the last, the rate,
+        act with one slope in all rules; 'auto' (joint only): the better of both in the cross-validation. Tied rules
+        have half the freedom, and win where errors are common to a dwell.
     consequents: 'batch' (QR), 'recursive' (the published recursion) or 'square_root' (its information form); the last
         two start from P(0) = 1e6 I and ignore `ridge`.
     n_starts: starts tried (`fitting.starts`). Of published ones the one is kept that predicts held-out temperature

@@ -4,14 +4,16 @@ Real campaigns have errors common to a dwell; a model can learn them from a rand
 is (fitting notes, section 5). So both are reported, with the noise floor beside them.
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
+from inspect import signature
 from typing import Any, Protocol
 
 import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
+from fitting.reach import Reach
 from fitting.splits import SplitNotPossible, SplitPlan
 
 UNCOMPENSATED = "none"
@@ -38,10 +40,12 @@ class ValidationError(ValueError):
 class Evaluation:
     """Results of `evaluate`.
 
-    metrics: model -> split -> {max_abs_dps, std_dps, floor_dps, n, fit_s}; splits random_train, random (the rows held
-        back) and leave_temperatures_out; a split that was not possible is missing. The error is compensated minus
-        reference; std_dps has divisor n; floor_dps is the rms of u over the rows judged; fit_s is the time of one fit
-        (mean over the folds), None without a timer and for 'none', the uncompensated output.
+    metrics: model -> split -> {max_abs_dps, std_dps, floor_dps, n, guarded, fit_s}; splits random_train, random (the
+        rows held back) and leave_temperatures_out; a split that was not possible is missing. The error is compensated
+        minus reference; std_dps has divisor n; floor_dps is the rms of u over the rows judged; guarded is the share of
+        the rows judged that lie outside the range the fit was made on (`fitting.reach`), where the compensation would
+        fall back: their errors are counted as the model gives them; fit_s is the time of one fit (mean over the folds),
+        None without a timer. Both are None for 'none', the uncompensated output.
     unavailable: split -> why it was not possible.
     residuals: one row per row judged: row, model, split, predicted_dps, residual_dps.
     fitted: model -> the model fitted on all rows; fit_s: model -> the time of that fit.
@@ -76,6 +80,7 @@ class _Judged:
 
     rows: list[NDArray[np.intp]] = field(default_factory=list)
     predicted: list[NDArray[np.float64]] = field(default_factory=list)
+    guarded: list[NDArray[np.bool_]] = field(default_factory=list)
     fit_s: list[float] = field(default_factory=list)
 
 
@@ -93,7 +98,8 @@ def evaluate(
 
     X: (n, 2), temperature_degc and the rate the gyro gave, in deg/s (any number of inputs before that last column is
     allowed). y: (n,), the true rate, deg/s. u: (n,), standard uncertainty of each output, deg/s. groups: (n,), the
-    dwell of each row (rows measured at the same temperature at different times may share one). seed: becomes the
+    dwell of each row (rows measured at the same temperature at different times may share one); estimators whose fit
+    takes groups get those of their rows. seed: becomes the
     random_state of estimators that have one. timer: seconds, to measure fits with.
     `ValidationError` for values that are not finite, lengths that differ, or a model that fails.
     """
@@ -104,13 +110,15 @@ def evaluate(
     data = _checked(X, y, u, groups)
     parts, unavailable = _parts(data, splits)
     rates = data.inputs[:, -1]
-    judged = {UNCOMPENSATED: _gather((part, rates, None) for part in parts)}
+    outside = [Reach.of(data.inputs[part.training]).bring_inside(data.inputs)[1] for part in parts]
+    judged = {UNCOMPENSATED: _gather((part, rates, None, None) for part in parts)}
     fitted: dict[str, Estimator] = {}
     fit_s: dict[str, float | None] = {}
     everything = np.ones(len(rates), dtype=bool)
     for name, factory in model_factories.items():
         fit = _Fitter(name, factory, data, seed, timer)
-        judged[name] = _gather((part, *fit.predict(part.training)) for part in parts)
+        predictions = ((part, *fit.predict(part.training), far) for part, far in zip(parts, outside, strict=True))
+        judged[name] = _gather(predictions)
         fitted[name], fit_s[name] = fit(everything)
     metrics = {name: {split: _metrics(data, one) for split, one in by.items()} for name, by in judged.items()}
     return Evaluation(metrics, _table(data, judged), fitted, fit_s, unavailable)
@@ -180,10 +188,13 @@ class _Fitter:
 
     def __call__(self, rows: NDArray[np.bool_]) -> tuple[Estimator, float | None]:
         """The model fitted on the rows, and the seconds it took."""
-        estimator = self._fresh()
+        estimator: Any = self._fresh()
+        groups = self.data.groups[rows]
+        takes_groups = "groups" in signature(estimator.fit).parameters and len(np.unique(groups)) > 1
+        more = {"groups": groups} if takes_groups else {}
         started = self.timer() if self.timer else None
         try:
-            estimator.fit(self.data.inputs[rows], self.data.reference[rows])
+            estimator.fit(self.data.inputs[rows], self.data.reference[rows], **more)
         except (ValueError, ArithmeticError, np.linalg.LinAlgError) as error:
             raise ValidationError(f"model {self.name!r} could not be fitted to {rows.sum()} rows: {error}") from error
         return estimator, None if started is None or self.timer is None else self.timer() - started
@@ -199,14 +210,17 @@ class _Fitter:
         return predicted, seconds
 
 
-def _gather(results: Iterator[tuple[_Part, NDArray[np.float64], float | None]]) -> dict[str, _Judged]:
-    """Predictions of all rows by each fit -> predictions of the rows judged, by split."""
+def _gather(
+    results: Iterable[tuple[_Part, NDArray[np.float64], float | None, NDArray[np.bool_] | None]],
+) -> dict[str, _Judged]:
+    """Predictions of all rows by each fit, its time, rows outside its range -> those of the rows judged, by split."""
     judged: dict[str, _Judged] = {}
-    for part, predicted, seconds in results:
+    for part, predicted, seconds, outside in results:
         for split, rows in part.judged.items():
             one = judged.setdefault(split, _Judged())
             one.rows.append(np.flatnonzero(rows))
             one.predicted.append(predicted[rows])
+            one.guarded += [] if outside is None else [outside[rows]]
             one.fit_s += [] if seconds is None else [seconds]
     return judged
 
@@ -219,6 +233,7 @@ def _metrics(data: _Data, judged: _Judged) -> dict[str, float | int | None]:
         "std_dps": float(error.std()),
         "floor_dps": float(np.sqrt(np.mean(data.uncertainty[rows] ** 2))),
         "n": len(rows),
+        "guarded": float(np.concatenate(judged.guarded).mean()) if judged.guarded else None,
         "fit_s": float(np.mean(judged.fit_s)) if judged.fit_s else None,
     }
 

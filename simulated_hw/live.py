@@ -134,7 +134,7 @@ class LiveBench:
 
     def _named(self) -> Iterator[tuple[str, InstrumentSpec]]:
         spec = self._spec
-        named = {"chamber": spec.chamber, "rate_table": spec.rate_table}
+        named = {"chamber": spec.chamber, "rate_table": spec.rate_table, "supply": spec.supply}
         yield from ((name, instrument) for name, instrument in named.items() if instrument)
         yield from spec.duts.items()
 

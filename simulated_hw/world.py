@@ -10,7 +10,7 @@ Every instrument may be missing: DUTs without a chamber stand in the room, witho
 decides everything that is drawn, and adding a DUT changes nothing for the others.
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from importlib.metadata import entry_points
 from pathlib import Path
@@ -20,7 +20,7 @@ from typing import Any, cast
 import serial
 import simpy
 
-from simulated_hw.faults.install import Faults, Seen
+from simulated_hw.faults.install import Faults, Plant, Seen
 from simulated_hw.faults.kinds import FAULTS, FaultSpec, faults_of
 from simulated_hw.faults.unpowered import follow_power
 from simulated_hw.physics.chamber import ChamberPlant
@@ -56,10 +56,8 @@ _SIMULATORS = "fogbench.simulators"
 # pyserial looks here for modules named protocol_<scheme>.
 _HANDLERS = "simulated_hw.wire"
 
-Plant = ChamberPlant | TablePlant | SupplyPlant | GyroUnit
-
 # A simulator by its entry point: of the environment, the plant as it is to see it, and the driver's settings.
-Maker = Callable[[simpy.Environment, Seen | SupplyPlant, dict[str, Any]], switchboard.Instrument]
+Maker = Callable[[simpy.Environment, Seen, dict[str, Any]], switchboard.Instrument]
 
 
 class WorldError(Exception):
@@ -115,7 +113,8 @@ class World:
 
     `start_s` is the time at which it begins, everything at rest and at room temperature: a bench after a power cut.
     With a truth_dir the hidden parameters and the true course of things are written there (`simulated_hw.truth`), with
-    a `live_truth_period_s` this often and at once.
+    a `live_truth_period_s` this often and at once. `earlier` are the truth_dirs of earlier worlds of the same run: a
+    fault that came once in one of them does not come again.
     """
 
     def __init__(
@@ -124,13 +123,15 @@ class World:
         truth_dir: Path | None = None,
         start_s: float = 0.0,
         live_truth_period_s: float | None = None,
+        earlier: Sequence[Path] = (),
     ) -> None:
-        self.spec = spec
+        self.spec, self._earlier = spec, tuple(earlier)
         self.env = simpy.Environment(initial_time=start_s)
         self.chamber = ChamberPlant(spec.chamber_parameters, spec.seed)
         self.table = TablePlant(spec.table_parameters, spec.seed)
         self._powered = () if spec.supply is None else tuple(spec.duts if spec.powered is None else spec.powered)
-        self._power = PowerHistory()
+        # A world that begins later is of a run that goes on: none of its turn-ons has been before, at one a second.
+        self._power = PowerHistory(int(start_s))
         self.supply = SupplyPlant(spec.supply_parameters, spec.seed, len(self._powered), self._power)
         self.gyros = {name: self._gyro(name, instrument) for name, instrument in spec.duts.items()}
         self._truth_dir, self._live_truth_period_s = truth_dir, live_truth_period_s
@@ -163,7 +164,8 @@ class World:
         try:
             if self.spec.faults:
                 plants = (self.chamber, self.table)
-                self.faults = Faults(self.spec.faults, self.spec.seed, self.env, *plants, self._truth_dir)
+                logs = self._truth_dir, self._earlier
+                self.faults = Faults(self.spec.faults, self.spec.seed, self.env, *plants, *logs)
             for name, instrument, plant in self._instruments():
                 self._attach(name, instrument, plant)
             if self._truth_dir is not None:
@@ -185,9 +187,6 @@ class World:
 
     def _attach(self, name: str, instrument: InstrumentSpec, plant: Plant) -> None:
         make, settings = _simulator(instrument.driver), dict(instrument.settings)
-        if isinstance(plant, SupplyPlant):
-            self._put(instrument.address, make(self.env, plant, settings))
-            return
         seen = self.faults.under(name, plant) if self.faults else plant
         simulator = make(self.env, seen, settings)
         try:

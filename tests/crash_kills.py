@@ -13,7 +13,7 @@ from typing import Any
 
 from bench import control, journal, steps
 from bench.errors import BenchFailure
-from bench.procedure.language import Guard
+from bench.procedure.conditions import Guard
 from bench.watches import Trip, Watches
 from drivers.chambers.watlow_f4 import WatlowF4
 from drivers.errors import NoReply

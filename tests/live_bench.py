@@ -20,7 +20,7 @@ class LiveBench:
         # find the second. A link goes with its pty.
         links = Path(self._served.enter_context(TemporaryDirectory()))
         self._live = live.LiveBench(spec, live.LiveOptions(can=("virtual", can_channel), links=links))
-        named = {"chamber": spec.chamber, "rate_table": spec.rate_table, **spec.duts}
+        named = {"chamber": spec.chamber, "rate_table": spec.rate_table, "supply": spec.supply, **spec.duts}
         self._addresses = {name: instrument.address for name, instrument in named.items() if instrument}
         self.ttys: dict[str, str] = {}
 

@@ -149,6 +149,7 @@ def power_cycles(lab: Lab, spec: RepeatFigures, found: Found) -> None:
     for one, (scale, about_k) in zip(records, scales, strict=True):
         figure = bias_of(one, scale, lab.earth(), noise, len(records))
         biases.append(figure.value)
+        found.budgets.setdefault("B0", lab.bias_budget(figure, figure.value + lab.earth().value_dph, scale, noise))
         conditions = one.conditions() | about_k | {"averaging_s": one.length_s}
         found.stated.append(Stated("power_cycles", figure, conditions, one.label))
     about = {

@@ -20,8 +20,6 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 
 _FEWEST_RATES = 3
-# What a point is blamed for whose output did not change (bench.points.judge).
-FROZEN = ("output frozen",)
 _DPH_PER_DPS = 3600.0
 
 
@@ -168,7 +166,7 @@ def small_rates(points: pd.DataFrame, dut: str, k: float, span_dps: float, colum
 
     NotRecorded: fewer than three of them.
     """
-    table = _with_stuck(points, dut)
+    table = usable(points, dut)
     rows = table[table[column].abs() <= span_dps]
     if len(rows) < _FEWEST_RATES:
         what = "input with the earth's rotation" if column == "rate_reference_dps" else "table rate"
@@ -185,10 +183,3 @@ def small_rates(points: pd.DataFrame, dut: str, k: float, span_dps: float, colum
         float(rows["rate_reference_dps"].iloc[zero]) * _DPH_PER_DPS,
         float(lasting.median()),
     )
-
-
-def _with_stuck(points: pd.DataFrame, dut: str) -> pd.DataFrame:
-    """Usable points, and those that failed only because the output stood still: a dead band is what is looked for."""
-    stuck = (points["verdict"] == "fail") & points["reasons"].isin(FROZEN)
-    kept = points.assign(verdict=points["verdict"].where(~stuck, "marginal"))
-    return usable(kept, dut)

@@ -41,15 +41,18 @@ def _soaks(lab: Lab, spec: TemperatureFigures, records: Sequence[RestRecord], fo
     scales = [lab.scale_at(one.mean_degc) for one in records]
     noise = pooled([noise_of(one, scale) for one, (scale, _) in zip(records, scales, strict=True)])
     rows = []
+    at_room = min(records, key=lambda one: abs(_asked(one) - spec.room_degc))
     for one, (scale, about_k) in zip(records, scales, strict=True):
         figure = bias_of(one, scale, lab.earth(), noise, len(records))
         # From one temperature to another only the noise differs: earth rate and K are the same in all.
         rows.append((one.mean_degc, figure.value, noise.u))
+        if one is at_room:
+            mean_dph = figure.value + lab.earth().value_dph
+            found.budgets.setdefault("B0", lab.bias_budget(figure, mean_dph, scale, noise))
         conditions = one.conditions() | about_k | {"averaging_s": one.length_s}
         found.stated.append(Stated(PART, figure, conditions, f"{one.mean_degc:.1f} degC"))
     t, b, u = np.array(rows).T
-    setpoints = [one.setpoint_degc if one.setpoint_degc is not None else one.mean_degc for one in records]
-    room = float(t[int(np.argmin(np.abs(np.array(setpoints) - spec.room_degc)))])
+    room = at_room.mean_degc
 
     def over_temperature() -> list[Stated]:
         made = bias_temperature_sensitivity(t, b, u, room)
@@ -68,6 +71,11 @@ def _soaks(lab: Lab, spec: TemperatureFigures, records: Sequence[RestRecord], fo
         return [Stated(PART, made.sensitivity, about)]
 
     found.attempt("bias temperature sensitivity", over_temperature)
+
+
+def _asked(one: RestRecord) -> float:
+    """The chamber's setpoint; the DUT's own temperature without one."""
+    return one.mean_degc if one.setpoint_degc is None else one.setpoint_degc
 
 
 @dataclass(frozen=True)

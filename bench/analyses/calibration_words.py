@@ -20,8 +20,21 @@ def digits(value: float | None, u: float | None, least: int = 4) -> str:
         return "–"
     if not u or not math.isfinite(u):
         return f"{value:.{least}g}"
-    places = 1 - math.floor(math.log10(u))
-    return f"{value:.{places}f}" if 0 <= places <= 12 else f"{value:.{least}g}"
+    places = max(0, 1 - math.floor(math.log10(u)))
+    return f"{value:.{places}f}" if places <= 12 else f"{value:.{least}g}"
+
+
+def polynomial_of(table: Mapping[str, Any]) -> str:
+    """The polynomial through a table of bias over temperature, and what it leaves.
+
+    >>> polynomial_of({"polynomial": [0.04, -1e-4, 2e-6], "residual_rms_dph": 0.01})
+    'B = 0.04 - 0.0001 T + 2e-06 T^2 deg/h, T in degC; residual rms 0.01 deg/h'
+    """
+    first, *others = table["polynomial"]
+    terms = [f"{'-' if c < 0 else '+'} {abs(c):.4g} T{f'^{k}' if k > 1 else ''}" for k, c in enumerate(others, 1)]
+    rms = table["residual_rms_dph"]
+    left = "" if rms is None else f"; residual rms {rms:.3g} deg/h"
+    return f"B = {' '.join([f'{first:.4g}', *terms])} deg/h, T in degC{left}"
 
 
 def value_of(one: Mapping[str, Any]) -> str:

@@ -94,8 +94,8 @@ def _document(rates: Rates, curve: AllanCurve, fit: AllanFit) -> dict[str, Any]:
 
 
 def _draw(made: list[tuple[Rates, AllanCurve, AllanFit]], output: Path) -> None:
-    from bench.allan.picture import standalone
     from bench.analyses.calibration_parts import allan_table
+    from bench.report.figures_allan import standalone
     from bench.runfolder import write_atomic
 
     output.parent.mkdir(parents=True, exist_ok=True)
@@ -129,9 +129,10 @@ def _print(rates: Rates, curve: AllanCurve, fit: AllanFit) -> None:
     for line in _coefficients(fit):
         click.echo(f"  {line}")
     low = fit.minimum
+    last = "; the longest time of this record: it may go on falling" if low.tau_s >= curve.tau_s[-1] else ""
     click.echo(
         f"Allan minimum: {low.deviation_dph:.4g} deg/h at {low.tau_s:.4g} s ({low.low_dph:.4g} to {low.high_dph:.4g}); "
-        "not the bias instability B\n"
+        f"not the bias instability B{last}\n"
     )
 
 

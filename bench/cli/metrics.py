@@ -20,9 +20,10 @@ _HEADER = ["figure", "", "value", "unit", "95 %", "n", "at", "limit"]
 @click.command("metrics")
 @click.argument("run")
 @click.option("--dut", help="Only this DUT.")
+@click.option("--tables", is_flag=True, help="Also bias over temperature, and what the line leaves at every rate.")
 @results_option
 @json_option
-def command(run: str, dut: str | None, results: Path, as_json: bool) -> None:
+def command(run: str, dut: str | None, tables: bool, results: Path, as_json: bool) -> None:
     """Print the calibration figures of RUN: value, limits for 95 %, definition, source.
 
     RUN is a run id or folder. A procedure with a calibration block says what is stated, and is judged by its limits. Of
@@ -40,6 +41,8 @@ def command(run: str, dut: str | None, results: Path, as_json: bool) -> None:
         click.echo(f"{found.run_id}: its procedure has no calibration block; this is what its data allow\n")
     for name, document in found.documents.items():
         _print(found, name, document)
+        if tables:
+            _tables(document["tables"])
     for note in found.notes:
         click.echo(f"not stated: {note}")
 
@@ -73,6 +76,23 @@ def _print(found: Calibrated, dut: str, document: Mapping[str, Any]) -> None:
         f"  outliers: {conditions['outlier_rule']}; gaps: {conditions['gap_rule']}; latitude "
         f"{_given(conditions['latitude_deg'], 'deg')}; raw data {raw['sha256'] or 'not kept'}\n"
     )
+
+
+def _tables(tables: Mapping[str, Any]) -> None:
+    from bench.analyses.calibration_words import polynomial_of
+
+    biases = tables.get("bias_over_temperature")
+    if biases:
+        rows = [[f"{row[k]:.4g}" for k in ("temperature_degc", "bias_dph", "u_dph")] for row in biases["rows"]]
+        click.echo(table(rows, ["DUT degC", "bias deg/h", "u deg/h"]))
+        click.echo(f"{polynomial_of(biases)}\n")
+    rates = tables.get("rates")
+    if rates:
+        rows = [
+            [row["at"], f"{row['rate_dps']:g}", f"{row['full_scale_ppm']:.3g}", f"{row['reading_ppm']:.4g}"]
+            for row in rates
+        ]
+        click.echo(table(rows, ["at", "rate deg/s", "residual ppm of full scale", "ppm of reading"]) + "\n")
 
 
 def _judged(found: Calibrated, one: Mapping[str, Any]) -> str:

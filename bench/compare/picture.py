@@ -12,11 +12,6 @@ from bench.report import figures as fig
 from bench.report.wording import model_name, split_name
 from bench.runfolder import write_atomic
 
-# What an SVG element needs to be a file of its own.
-HEAD = (
-    '<svg xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink" '
-    'font-family="sans-serif" style="background:white" '
-)
 ROW_PX, HEAD_PX, FOOT_PX, LABEL_PX = 26, 44, 46, 150
 
 
@@ -51,5 +46,4 @@ def draw(lines: Sequence[Line], path: Path) -> None:
             axes.set_title(split_name(split))
         drawn.axes[0].legend(loc="best", fontsize=9)
         figure = fig.finish(drawn, "compare", "Standard deviation of the error of every model, median and worst seed.")
-    svg = figure.svg.replace("<svg ", HEAD, 1)
-    write_atomic(path, svg.encode("utf-8"))
+    write_atomic(path, fig.standalone(figure))

@@ -220,6 +220,16 @@ def finish(drawn: Canvas, name: str, alt: str, caption: str = "") -> Figure:
     return Figure(_inline(buffer.getvalue(), name, alt), alt, caption)
 
 
+def standalone(figure: Figure) -> bytes:
+    """The figure as an SVG file of its own."""
+    return figure.svg.replace("<svg ", _FILE_HEAD, 1).encode("utf-8")
+
+
+# What an SVG element needs to be a file.
+_FILE_HEAD = (
+    '<svg xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink" '
+    'font-family="sans-serif" style="background:white" '
+)
 _NOISE = re.compile(r"<metadata>.*?</metadata>|<style.*?</style>|<!--.*?-->", re.DOTALL)
 _FAMILY = re.compile(r"font-family: [^;\"]*;? ?")
 _TAG = re.compile(r"<[^>]*>")

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from bench.allan.picture import draw
-from bench.analyses.calibration_words import expanded_of, value_of
+from bench.analyses.calibration_words import digits, expanded_of, polynomial_of, value_of
 from bench.report.data import ReportData
-from bench.report.formats import fault
+from bench.report.figures_allan import draw
+from bench.report.formats import fault, fixed, setpoint, significant
 from bench.report.section import Section
 from bench.report.tables import Cell, Column, Table, table
 
@@ -36,6 +36,7 @@ def calibration(data: ReportData) -> Section | None:
     try:
         found: Mapping[str, Any] = json.loads(path.read_text(encoding="utf-8"))
         tables = [_table(dut, one["figures"]) for dut, one in found.items() if one["figures"]]
+        tables += [made for dut, one in found.items() for made in _more(dut, one["tables"])]
         curves = [curve for dut, one in found.items() for curve in _curves(dut, one["tables"])]
         drawn = [draw(curves, "allan", CURVES)] if curves else []
         remarks = _definitions(found)
@@ -61,6 +62,28 @@ def _table(dut: str, figures: Sequence[Mapping[str, Any]]) -> Table:
         for one in figures
     ]
     return table(f"DUT {dut}: calibration figures.", columns, rows)
+
+
+def _more(dut: str, tables: Mapping[str, Any]) -> Iterator[Table]:
+    """Bias over temperature; what the line leaves at each rate of the first rate set."""
+    biases = tables.get("bias_over_temperature")
+    if biases:
+        columns = [Column("DUT, °C"), Column("Bias, °/h"), Column("Standard uncertainty, °/h")]
+        rows = [
+            [fixed(row["temperature_degc"], 2), digits(row["bias_dph"], row["u_dph"]), significant(row["u_dph"], 2)]
+            for row in biases["rows"]
+        ]
+        yield table(f"DUT {dut}: bias over temperature. {polynomial_of(biases)}.", columns, rows)
+    rates = tables.get("rates")
+    if rates:
+        first = [row for row in rates if row["dwell"] == rates[0]["dwell"]][: len({row["rate_dps"] for row in rates})]
+        columns = [Column("Rate, °/s"), Column("ppm of full scale"), Column("ppm of reading")]
+        rows = [
+            [setpoint(row["rate_dps"]), significant(row["full_scale_ppm"], 3), significant(row["reading_ppm"], 3)]
+            for row in sorted(first, key=lambda row: float(row["rate_dps"]))
+        ]
+        where = rates[0]["at"].replace("deg", "°")
+        yield table(f"DUT {dut}: what the line leaves at each rate, at {where}.", columns, rows)
 
 
 def _curves(dut: str, tables: Mapping[str, Any]) -> list[tuple[str, Mapping[str, Any]]]:

@@ -45,6 +45,11 @@ KINDS: Mapping[str, Kind] = MappingProxyType(
     {
         "linear": Kind("fitting.linear:LinearCompensation", "fitting.modelfiles.linear"),
         "takagi_sugeno": Kind("fitting.takagi_sugeno:TakagiSugeno", "fitting.modelfiles.takagi_sugeno"),
+        "polynomial": Kind("fitting.polynomial:PolynomialCompensation", "fitting.modelfiles.polynomial"),
+        "ls_svm": Kind("fitting.ls_svm:LeastSquaresSVM", "fitting.modelfiles.kernel"),
+        "svr": Kind("fitting.svr:SupportVectorRegression", "fitting.modelfiles.kernel"),
+        "gaussian_process": Kind("fitting.gaussian_process:GaussianProcess", "fitting.modelfiles.kernel"),
+        "rbf": Kind("fitting.rbf:RadialBasisSpline", "fitting.modelfiles.kernel"),
         "network": Kind("fitting.network:BackPropagationNetwork", "fitting.modelfiles.network"),
         "csapso_network": Kind("fitting.csapso:CsapsoNetwork", "fitting.modelfiles.network"),
         "lag_bank": Kind("fitting.lag_bank:LagBankCompensation", "fitting.modelfiles.lag_bank"),

@@ -60,6 +60,12 @@ class StreamFaults:
         self._log.add(now_s, self._name, DISCARD, -1, frame=first, frames=end - first)
         self._logged = max(self._logged, end)
 
+    def close(self, now_s: float) -> None:
+        """No more is asked for: what the host took ends here."""
+        self._log.end_run(self._name)
+        if self._logged:
+            self._log.add(now_s, self._name, DISCARD, -1, frame=self._logged, frames=0)
+
     def numbers(self, first: int, end: int) -> Places:
         """The frame number of each message that `messages` returns."""
         return np.repeat(np.arange(first, end), self._fates.of(first, end).copies())

@@ -19,7 +19,7 @@ from simulated_hw.faults.instrument_kinds import (
     WeakCooling,
 )
 from simulated_hw.faults.kinds import FaultSpec
-from simulated_hw.faults.log import FaultLog
+from simulated_hw.faults.log import FaultLog, begun
 from simulated_hw.faults.plants import FaultyChamber, FaultyTable
 from simulated_hw.faults.replies import BadlyAnswering
 from simulated_hw.faults.rules import Rule
@@ -28,9 +28,10 @@ from simulated_hw.faults.values import LyingGyro
 from simulated_hw.physics.chamber import ChamberPlant
 from simulated_hw.physics.gyro import GyroUnit
 from simulated_hw.physics.rate_table import TablePlant
+from simulated_hw.physics.supply import SupplyPlant
 from simulated_hw.wire import switchboard
 
-Plant = ChamberPlant | TablePlant | GyroUnit
+Plant = ChamberPlant | TablePlant | SupplyPlant | GyroUnit
 Seen = Plant | FaultyChamber | FaultyTable | LyingGyro
 Needed = TypeVar("Needed")
 
@@ -80,21 +81,24 @@ class Faults:
         chamber: ChamberPlant,
         table: TablePlant,
         truth_dir: Path | None,
+        earlier: Sequence[Path] = (),
     ) -> None:
-        """Raises OSError if the log cannot be written."""
+        """earlier: where earlier worlds of the run left their logs. Raises OSError if the log cannot be written."""
         self.env, self._table = env, table
+        came_s = begun(earlier)
         self.log = FaultLog(truth_dir)
-        self._rules = [
-            Rule.of(number, spec, Windows(spec.fault, chamber, table, env.now), seed)
-            for number, spec in enumerate(specs)
-        ]
+        self._streams: list[StreamFaults] = []
+        self._rules = []
+        for number, spec in enumerate(specs):
+            windows = Windows(spec.fault, chamber, table, env.now, came_s.get((number, spec.on, spec.name)))
+            self._rules.append(Rule.of(number, spec, windows, seed))
 
     def _of(self, on: str, *names: str) -> list[Rule]:
         return [rule for rule in self._rules if rule.spec.on == on and (not names or rule.spec.name in names)]
 
     def under(self, on: str, plant: Plant) -> Seen:
         """The plant as the simulator of this instrument is to see it."""
-        if not self._of(on):
+        if not self._of(on) or isinstance(plant, SupplyPlant):
             return plant
         if isinstance(plant, GyroUnit):
             return LyingGyro(plant, self._of(on, "frozen", "spike", "power_reset"), self.log)
@@ -108,6 +112,7 @@ class Faults:
             if rules := self._of(on):
                 gyro = _able(simulator, Streaming, rules[0])
                 gyro.faults = StreamFaults(on, plant, rules, self.log)
+                self._streams.append(gyro.faults)
             return simulator
         if rules := self._of(on, *_REPLIES):
             return BadlyAnswering(_able(simulator, switchboard.Device, rules[0]), rules, self.log)
@@ -116,6 +121,8 @@ class Faults:
     def _schedule(self, rule: Rule, simulator: switchboard.Instrument, seen: Seen) -> None:
         switch = self._switch(rule, simulator, seen)
         if switch is None:
+            if isinstance(rule.windows, Windows):
+                rule.windows.on_begin = partial(self._began, rule)
             return
 
         def turn(on: bool) -> None:
@@ -127,6 +134,9 @@ class Faults:
 
         instant = isinstance(rule.spec.fault, _TRIPS)
         self.env.process(follow(self.env, rule.windows, partial(turn, True), partial(turn, False), instant))
+
+    def _began(self, rule: Rule, begin_s: float) -> None:
+        self.log.add(begin_s, rule.spec.on, rule.spec.name, rule.number, state="begins")
 
     def _switch(self, rule: Rule, simulator: switchboard.Instrument, seen: Seen) -> Callable[[bool], None] | None:
         """What turns a fault on and off; None if it acts on single frames or replies."""
@@ -173,6 +183,11 @@ class Faults:
 
     def close(self) -> None:
         """Finish the log; closing twice is harmless."""
+        for rule in self._rules:
+            # What came once and was not looked at has come all the same.
+            rule.windows.until(self.env.now)
+        for stream in self._streams:
+            stream.close(self.env.now)
         self.log.close()
 
 

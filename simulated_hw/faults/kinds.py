@@ -33,13 +33,13 @@ from simulated_hw.faults.instrument_kinds import (
 )
 from simulated_hw.faults.script import Script
 
-Target = Literal["chamber", "rate_table", "dut"]
+Target = Literal["chamber", "rate_table", "supply", "dut"]
 
 
 @dataclass(frozen=True)
 class FaultSpec:
-    """One fault as the bench file has it: its name, the instrument ('chamber', 'rate_table' or a DUT's serial number),
-    and what was said about it."""
+    """One fault as the bench file has it: its name, the instrument ('chamber', 'rate_table', 'supply' or a DUT's serial
+    number), and what was said about it."""
 
     name: str
     on: str
@@ -79,6 +79,7 @@ _OF: Mapping[Target, tuple[str, ...]] = MappingProxyType(
     {
         "chamber": (*_REPLIES, "alarm", "sensor_break", "door_open", "weak_cooling"),
         "rate_table": (*_REPLIES, "fault", "over_speed", "e_stop", "encoder_error", "stuck"),
+        "supply": _REPLIES,
         "dut": tuple(list(FAULTS)[:10]),
     }
 )

@@ -4,16 +4,19 @@ faults.jsonl holds one JSON object a line:
     t_s: bench time; of frames the time at which the first of them was sent.
     instrument: chamber, rate_table, or the serial number of a DUT. fault: its name. number: its place in the bench
     file, from 0, for there may be two of a name.
-    state: 'begins' or 'ends', of faults that last; absent for those that happen.
+    state: 'begins' or 'ends', of faults that last, and 'begins' of those that come once by place; absent for what
+    happens.
     frame, frames: number of the first frame concerned, counted from power-on and never wrapping, and how many follow
     each other. bytes, bits: replies and frames damaged: how many bytes, which bits.
     lost, duplicates, bad_checksum, skipped_bytes, resyncs: by how much a receiver that counts rightly counts higher.
-`fault: discard` is none: from `frame` on so many frames were thrown away unread by the host, and never made.
+`fault: discard` is none: from `frame` on so many frames were thrown away unread by the host, and never made; the last
+one, of no frames, is where the host stopped.
 Frames that follow each other are one record, however many reads they came in.
 """
 
 import json
 from collections import Counter
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -23,6 +26,24 @@ FILE = "faults.jsonl"
 DISCARD = "discard"
 # What of two records is summed when they become one.
 COUNTS = ("frames", "lost", "duplicates", "bad_checksum", "skipped_bytes", "resyncs")
+
+
+def begun(folders: Iterable[Path]) -> dict[tuple[int, str, str], float]:
+    """When each fault first began by the logs of these folders, by number, instrument and name.
+
+    A folder may have no log, and a log of a killed process a torn last line.
+    """
+    first_s: dict[tuple[int, str, str], float] = {}
+    for path in (folder / FILE for folder in folders):
+        for line in path.read_text(encoding="utf-8").splitlines() if path.is_file() else ():
+            try:
+                record = json.loads(line)
+            except ValueError:
+                continue
+            if record.get("state") == "begins":
+                key = record["number"], record["instrument"], record["fault"]
+                first_s[key] = min(record["t_s"], first_s.get(key, record["t_s"]))
+    return first_s
 
 
 class FaultLog:

@@ -58,17 +58,21 @@ class Condition:
     def holds(self, times_s: Floats, chamber: Chamber, table: Table) -> NDArray[np.bool_]:
         """Whether it holds at these times, bool[n]."""
         seconds: list[float] = times_s.tolist()
-        measured: dict[str, Callable[[], Floats]] = {
-            "chamber": lambda: chamber.air_degc(times_s),
-            "setpoint": lambda: np.array([chamber.setpoint_degc(t) for t in seconds]),
-            "table": lambda: np.abs([table.true_rate_dps(t) for t in seconds]),
-        }
+        # The air, which costs most, is asked for last.
+        measured: tuple[tuple[float | None, float | None, Callable[[], Floats]], ...] = (
+            (self.table_above_dps, self.table_below_dps, lambda: np.abs([table.true_rate_dps(t) for t in seconds])),
+            (
+                self.setpoint_above_degc,
+                self.setpoint_below_degc,
+                lambda: np.array([chamber.setpoint_degc(t) for t in seconds]),
+            ),
+            (self.chamber_above_degc, self.chamber_below_degc, lambda: chamber.air_degc(times_s)),
+        )
         true = np.ones(len(times_s), np.bool_)
-        for field, limit in vars(self).items():
-            if limit is not None:
-                what, side, _ = field.split("_", 2)
-                values = measured[what]()
-                true &= values < limit if side == "below" else values > limit
+        for above, below, values_of in measured:
+            if (above is not None or below is not None) and true.any():
+                values = values_of()
+                true &= (values > (-inf if above is None else above)) & (values < (inf if below is None else below))
         return true
 
 
@@ -90,6 +94,11 @@ class Script:
         at, lasts = self.at_s, self.for_s
         require(self, at is None or (isfinite(at) and at >= 0.0), "at_s", "a time, 0 s or later")
         require(self, lasts is None or (isfinite(lasts) and lasts > 0.0), "for_s", "a time above 0 s")
+
+    @property
+    def once_by_place(self) -> bool:
+        """It comes the first time that the place is reached, and never again."""
+        return self.when is not None and self.for_s is not None
 
     def require_begin(self) -> None:
         """It is nothing that could be on from the beginning. Raises ValueError."""
@@ -121,17 +130,22 @@ class Times(Protocol):
 class Windows:
     """The times during which a script's fault is on, found as far as somebody asks.
 
-    start_s: when the world began; conditions are not looked at before.
+    start_s: when the world began; conditions are not looked at before. begun_s: when it began in an earlier world of
+    the same run; what comes by place and once has then come. `on_begin` is told when such a fault begins.
     """
 
-    def __init__(self, script: Script, chamber: Chamber, table: Table, start_s: float = 0.0) -> None:
+    def __init__(
+        self, script: Script, chamber: Chamber, table: Table, start_s: float = 0.0, begun_s: float | None = None
+    ) -> None:
         self._condition, self._chamber, self._table = script.when, chamber, table
         self._for_s = inf if script.for_s is None else script.for_s
         self._scanned = ceil(max(script.at_s or 0.0, start_s) / GRID_S)
         self._found: list[tuple[float, float]] = []
-        self._complete = script.when is None
+        self.on_begin: Callable[[float], None] = lambda begin_s: None
+        has_come = begun_s is not None and script.once_by_place
+        self._complete = script.when is None or has_come
         if self._complete:
-            begin = script.at_s or 0.0
+            begin = begun_s if begun_s is not None and has_come else script.at_s or 0.0
             self._found.append((begin, begin + self._for_s))
 
     @property
@@ -163,6 +177,7 @@ class Windows:
             self._found.append((float(times_s[at]), float(times_s[at]) + self._for_s))
             if self._for_s != inf:
                 self._complete = True
+                self.on_begin(float(times_s[at]))
                 return
 
 
@@ -183,8 +198,10 @@ def follow(
             yield env.timeout(end_s - env.now)
             end()
         return
+    # On the same seconds as conditions are looked at, in a world that begins between two of them too.
+    yield env.timeout(ceil(env.now / GRID_S) * GRID_S - env.now)
     inside = False
-    while inside or not windows.complete:
+    while inside or not windows.complete or windows.active(env.now):
         if windows.active(env.now) != inside:
             inside = not inside
             (begin if inside else end)()

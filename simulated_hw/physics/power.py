@@ -8,9 +8,13 @@ from numpy.typing import NDArray
 
 
 class PowerHistory:
-    """The power of one DUT. Commands come in order of time; queries may be of any time from 0 on."""
+    """The power of one DUT. Commands come in order of time; queries may be of any time from 0 on.
 
-    def __init__(self) -> None:
+    first_cycle: the number of the turn-on that it runs on at the beginning.
+    """
+
+    def __init__(self, first_cycle: int = 0) -> None:
+        self._first_cycle = first_cycle
         self.commands_s: list[float] = []
         self._states = [True]
 
@@ -32,9 +36,9 @@ class PowerHistory:
         return [at_s for at_s in self.commands_s[low:high] if at_s < end_s]
 
     def cycles(self, times_s: NDArray[np.float64]) -> NDArray[np.int64]:
-        """The number of power-ons after time 0 by then: which turn-on it runs on."""
+        """Which turn-on it runs on then; each power-on counts one."""
         ons = [at_s for at_s, on in zip(self.commands_s, self._states[1:], strict=True) if on]
-        return np.searchsorted(np.array(ons), times_s, side="right").astype(np.int64)
+        return self._first_cycle + np.searchsorted(np.array(ons), times_s, side="right").astype(np.int64)
 
     def gaps(self, now_s: float) -> list[tuple[float, float]]:
         """All times without power (begin, end) that began by now, in order; the end of one that lasts is infinite."""

@@ -19,7 +19,7 @@ class SupplyParameters:
         max_voltage_v, max_current_a: what it can be set to.
         dut_current_a: what one DUT draws once it has warmed up. inrush: how much more at switching on, as a part of
             that, falling with the time constant inrush_s. lowest_voltage_v: below it a DUT does not run.
-        noise_v, noise_a: of the readings.
+        voltage_noise_v, current_noise_a: of the readings.
     """
 
     voltage_v: float = 28.0
@@ -30,12 +30,12 @@ class SupplyParameters:
     inrush: float = 0.8
     inrush_s: float = 20.0
     lowest_voltage_v: float = 18.0
-    noise_v: float = 0.002
-    noise_a: float = 0.0005
+    voltage_noise_v: float = 0.002
+    current_noise_a: float = 0.0005
 
     def __post_init__(self) -> None:
         require_positive(self, "voltage_v", "current_limit_a", "max_voltage_v", "max_current_a", "inrush_s")
-        require_not_negative(self, "dut_current_a", "inrush", "lowest_voltage_v", "noise_v", "noise_a")
+        require_not_negative(self, "dut_current_a", "inrush", "lowest_voltage_v", "voltage_noise_v", "current_noise_a")
 
 
 class SupplyPlant:
@@ -77,7 +77,7 @@ class SupplyPlant:
     def output_v(self, now_s: float) -> float:
         """A reading of the voltage."""
         held = self.on and (self.power.is_on(now_s) or self.voltage_v < self.parameters.lowest_voltage_v)
-        return (self.voltage_v if held else 0.0) + self._volt_noise.at(now_s) * self.parameters.noise_v
+        return (self.voltage_v if held else 0.0) + self._volt_noise.at(now_s) * self.parameters.voltage_noise_v
 
     def output_a(self, now_s: float) -> float:
         """A reading of the current: at one voltage a DUT draws the same, and more while it starts."""
@@ -87,4 +87,4 @@ class SupplyPlant:
             ons_s = [at_s for at_s in self.power.commands_s if at_s <= now_s]
             since_s = now_s - ons_s[-1] if ons_s else now_s
             drawn = self.duts * p.dut_current_a * (1.0 + p.inrush * exp(-since_s / p.inrush_s))
-        return min(drawn, self.current_limit_a) + self._ampere_noise.at(now_s) * p.noise_a
+        return min(drawn, self.current_limit_a) + self._ampere_noise.at(now_s) * p.current_noise_a

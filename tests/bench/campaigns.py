@@ -38,6 +38,19 @@ analysis:
     - {model: linear, split: random, max_abs: 100 deg/s}
 """
 
+# A minute or more at the wall and a moment to rehearse: for what is stopped, paused or killed while it is under way.
+ENDLESS_POINTS = 400
+ENDLESS = f"""\
+procedure: endless
+raw: none
+steps:
+  - set_rate: 20 deg/s
+  - repeat:
+      times: {ENDLESS_POINTS}
+      steps:
+        - acquire: {{for: 10 min, every: 1 s}}
+"""
+
 
 def write(folder: Path, name: str, text: str) -> Path:
     """Write a YAML file."""

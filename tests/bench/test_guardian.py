@@ -14,6 +14,7 @@ import pytest
 
 from bench.guardian import FILE
 from bench.journal import load_journal
+from simulated_hw.wire import acutronic_acl
 from tests.bench.campaigns import ROOT, write
 from tests.bench.test_run_real import SPEC
 from tests.live_bench import LiveBench
@@ -97,3 +98,24 @@ def test_an_orderly_end_dismisses_it(tmp_path: Path, live: LiveBench) -> None:
     assert not (folder / FILE).exists()
     assert sum(entry["kind"] == "safe" for entry in load_journal(folder / "journal.jsonl")) == 2
     assert abs(live.table_rate_dps()) < 0.05
+
+
+def test_another_table_on_the_port_is_not_commanded(
+    tmp_path: Path, live: LiveBench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Somebody changed tables: the guardian says so, commands the chamber alone, and goes on looking for the first."""
+    process = start(tmp_path, live)
+    told = tmp_path / "results" / "g" / FILE
+    with monkeypatch.context() as exchanged:
+        exchanged.setattr(acutronic_acl, "_IDENTITY", "Acutronic USA, ACT2000, serial 7")
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+        # The chamber may need a second look, after an answer that was still on its way to the runner.
+        wait_until(lambda: told.exists() and len(json.loads(told.read_text())["failures"]) == 1, process, 20.0)
+        about = json.loads(told.read_text())
+        assert live.table_rate_dps() > 59.0
+        assert len(about["done"]) == 1 and "setpoint" in about["done"][0]
+        (failure,) = about["failures"]
+        assert "'Acutronic USA, ACT2000, serial 7' answers now; it was not commanded" in failure
+    wait_until(lambda: abs(live.table_rate_dps()) < 0.05, process, 20.0)
+    wait_until(lambda: not json.loads(told.read_text())["failures"], process, 15.0)

@@ -10,8 +10,7 @@ from typing import Any
 import pandas as pd
 import pytest
 
-from bench import clock, rawstore
-from bench import run as run_module
+from bench import clock, execution, rawstore
 from bench.errors import BenchFailure, Interrupted
 from bench.journal import Journal, load_journal
 from bench.rawstore import RawStore
@@ -40,7 +39,7 @@ def test_results_that_become_read_only_end_the_run_safe_and_it_can_be_resumed(
 ) -> None:
     request = RunRequest(write(tmp_path, "p.yaml", GRID), VIRTUAL, tmp_path / "results", "r")
     left: list[tuple[float, float, list[str]]] = []
-    make_safe = run_module.make_safe
+    make_safe = execution.make_safe
 
     def watched(engine: Any) -> list[str]:
         failures = make_safe(engine)
@@ -52,7 +51,7 @@ def test_results_that_become_read_only_end_the_run_safe_and_it_can_be_resumed(
             broken.setattr(os, "fsync", refuse)
             broken.setattr(Journal, "_hand_over", refuse)
 
-    monkeypatch.setattr(run_module, "make_safe", watched)
+    monkeypatch.setattr(execution, "make_safe", watched)
     with pytest.MonkeyPatch.context() as broken, pytest.raises(BenchFailure) as failure:
         run(prepare(request), listen)
     assert "Read-only file system" in str(failure.value) and "fogbench resume" in str(failure.value)

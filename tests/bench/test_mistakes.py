@@ -2,7 +2,7 @@
 
 import pytest
 
-from bench.benchfile import BenchFile, CanPort, DutLimits
+from bench.bench_entries import BenchFile, CanPort, DutLimits
 from bench.errors import Problem
 from bench.fields import YamlMapping, validate
 from bench.mistakes import model_at, sentence, suffix_at

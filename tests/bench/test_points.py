@@ -23,7 +23,8 @@ from bench.points import (
     write_points,
     write_table,
 )
-from bench.procedure.language import Acquire, Quality
+from bench.procedure.conditions import Quality
+from bench.procedure.language import Acquire
 from bench.procedure.plan import PlannedStep
 from bench.reduction import PointStatistics
 from drivers.codecs.batch import FrameBatch
@@ -280,6 +281,17 @@ def test_a_gyro_that_froze_fails_though_its_frames_are_good() -> None:
     assert row["frames_held"] == PLANNED - 1
     few = batch(10, frozen=True)
     assert "frozen" not in row_of(frames=few, planned_frames=10)["reasons"]
+
+
+def test_in_a_scan_through_a_dead_band_a_still_output_is_told_and_does_not_fail() -> None:
+    allowed = QUALITY.model_copy(update={"frozen": "marginal"})
+    row = row_of(frames=batch(frozen=True), quality=allowed)
+    assert (row["verdict"], row["reasons"]) == ("marginal", "output frozen")
+    lost = row_of(frames=batch(PLANNED - 60, frozen=True), quality=allowed)
+    assert lost["verdict"] == "fail" and lost["reasons"] == "frames lost 6000 over 1000 ppm; output frozen"
+    raw = np.arange(PLANNED, dtype=np.float32)
+    raw[5000:6000] = raw[5000]
+    assert row_of(frames=replace(batch(), columns={"rate": raw}), quality=allowed)["verdict"] == "pass"
 
 
 def test_all_reasons_are_told_and_the_worst_decides() -> None:

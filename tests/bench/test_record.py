@@ -10,7 +10,7 @@ import pytest
 
 from bench.errors import InvalidFiles
 from bench.journal import load_journal
-from bench.procedure.language import ResumePolicy
+from bench.procedure.conditions import ResumePolicy
 from bench.resume import prepare_resume
 from bench.resumption import pauser
 from bench.run import RunRequest, prepare, run

@@ -18,7 +18,8 @@ from bench.journal import load_journal
 from bench.resume import prepare_resume
 from bench.resumption import Interruption, interruption_of
 from bench.run import run
-from tests.bench.campaigns import GRID, ROOT, VIRTUAL, run_campaign, write
+from bench.status import status_of
+from tests.bench.campaigns import ENDLESS, ENDLESS_POINTS, GRID, ROOT, VIRTUAL, run_campaign, write
 
 STEPS_TO_POINT_9 = 9
 
@@ -166,9 +167,9 @@ class Live:
     def __init__(self, tmp_path: Path) -> None:
         self.folder = tmp_path / "results" / "live"
         self.results = tmp_path / "results"
-        grid = ROOT / "procedures" / "temperature_rate_grid.yaml"
-        command = [sys.executable, "-m", "bench.cli", "run", str(grid), "--bench", str(VIRTUAL)]
-        command += ["--results", str(self.results), "--run-id", "live", "--set", "procedure.raw=none"]
+        endless = write(tmp_path, "endless.yaml", ENDLESS)
+        command = [sys.executable, "-m", "bench.cli", "run", str(endless), "--bench", str(VIRTUAL)]
+        command += ["--results", str(self.results), "--run-id", "live"]
         self.process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=ROOT)
 
     def say(self, *arguments: str) -> subprocess.CompletedProcess[str]:
@@ -196,7 +197,9 @@ def test_pause_continue_abort_and_status_from_another_process(tmp_path: Path) ->
         assert live.say("pause").returncode == 0
         wait_until(lambda: b'"kind":"paused"' in journal.read_bytes())
         status = live.status()
-        assert status["state"] == "paused" and status["points_planned"] == 703 and status["remaining_s"] > 3600
+        assert (
+            status["state"] == "paused" and status["points_planned"] == ENDLESS_POINTS and status["remaining_s"] > 3600
+        )
         size = journal.stat().st_size
         time.sleep(0.5)
         assert journal.stat().st_size == size  # virtual time stands still
@@ -206,12 +209,12 @@ def test_pause_continue_abort_and_status_from_another_process(tmp_path: Path) ->
         assert busy.returncode == 2 and f"process {live.process.pid}" in busy.stderr
         assert live.say("continue").returncode == 0
         wait_until(lambda: b'"kind":"continued"' in journal.read_bytes())
-        wait_until(lambda: live.status()["points_measured"] > status["points_measured"])
+        wait_until(lambda: status_of(live.folder)["points_measured"] > status["points_measured"])
         assert live.status()["state"] == "running"
         assert live.say("abort").returncode == 0
         output, errors = live.process.communicate(timeout=60)
         assert live.process.returncode == 130, errors
-        assert "ABORTED" in output and live.status()["state"] == "ended"
+        assert "ABORTED" in output and status_of(live.folder)["state"] == "ended"
         assert live.say("pause").returncode == 2
     finally:
         live.process.kill()

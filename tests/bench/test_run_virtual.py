@@ -22,7 +22,7 @@ from bench.errors import BenchFailure, ExitCode, UserMistake
 from bench.journal import read_journal
 from bench.reduction import point_statistics, to_samples
 from bench.report.render import write_report
-from tests.bench.campaigns import GRID, ROOT, VIRTUAL, run_campaign, virtual_bench, write
+from tests.bench.campaigns import ENDLESS, ENDLESS_POINTS, GRID, ROOT, VIRTUAL, run_campaign, virtual_bench, write
 
 RATES = [-150.0, -100.0, -50.0, 0.0, 50.0, 100.0, 150.0]
 TEMPERATURES = [0.0, 10.0, 20.0, 30.0]
@@ -224,10 +224,9 @@ def test_a_port_that_does_not_open_leaves_no_run(tmp_path: Path) -> None:
 
 @pytest.fixture
 def process(tmp_path: Path) -> Iterator[subprocess.Popen[str]]:
-    bench = write(tmp_path, "bench.yaml", VIRTUAL.read_text(encoding="utf-8"))
-    grid = ROOT / "procedures" / "temperature_rate_grid.yaml"
-    command = [sys.executable, "-m", "bench.cli", "run", str(grid), "--bench", str(bench)]
-    command += ["--results", str(tmp_path / "results"), "--run-id", "stop", "--set", "procedure.raw=none"]
+    endless = write(tmp_path, "endless.yaml", ENDLESS)
+    command = [sys.executable, "-m", "bench.cli", "run", str(endless), "--bench", str(VIRTUAL)]
+    command += ["--results", str(tmp_path / "results"), "--run-id", "stop"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=ROOT) as running:
         yield running
         running.kill()
@@ -246,6 +245,6 @@ def test_ctrl_c_ends_safe_with_the_points_kept(
     assert process.returncode == ExitCode.INTERRUPTED, errors
     assert "ABORTED" in output
     manifest = json.loads((journal.parent / "manifest.json").read_text())
-    assert manifest["outcome"] == "ABORTED" and 0 < manifest["points_measured"] < 703
+    assert manifest["outcome"] == "ABORTED" and 0 < manifest["points_measured"] < ENDLESS_POINTS
     assert [event["kind"] for event in manifest["events"]][-2:] == ["safe", "safe"]
     assert (journal.parent / "report.html").is_file()

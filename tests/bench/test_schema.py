@@ -105,6 +105,9 @@ class Validator:
     def _enum(self, values: list[Any], value: Any, _: Any) -> bool:
         return value in values
 
+    def _const(self, only: Any, value: Any, _: Any) -> bool:
+        return bool(value == only)
+
     def _pattern(self, pattern: str, value: Any, _: Any) -> bool:
         return re.search(pattern, value) is not None
 
@@ -254,5 +257,5 @@ def test_benches(old: str, new: str, valid: bool, tmp_path: Path) -> None:
 
 def test_the_settings_of_every_installed_driver_are_there() -> None:
     names = {name.removeprefix("settings of ") for name in BENCH["$defs"] if name.startswith("settings of ")}
-    assert names == {"watlow_f4", "acutronic_acl", "serial_frames", "can_dbc"}
+    assert names == {"watlow_f4", "acutronic_acl", "scpi_supply", "serial_frames", "can_dbc"}
     assert BENCH["$defs"]["settings of watlow_f4"]["properties"]["reply_timeout"]["default"] == "1 s"

@@ -5,11 +5,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from bench.engine import Readbacks
-from bench.procedure.language import Guard
+from bench.procedure.conditions import Guard
 from bench.watches import READ_AGAIN_S, Stream, Watches
 from drivers.codecs.batch import FrameBatch
 from drivers.codecs.counters import Losses
@@ -201,6 +201,7 @@ def test_a_reader_that_was_opened_anew_counts_from_zero() -> None:
 
 
 @given(st.lists(st.integers(1, 400), min_size=2, max_size=30), st.integers(0, 11_000))
+@example([1, 1, 1, 1, 1, 1, 1, 393, 400, 400, 400, 400], 0)
 def test_since_when_an_output_is_frozen_however_it_is_cut_into_batches(sizes: list[int], freezes: int) -> None:
     """Frame k is sent at k/100 s; its output repeats from `freezes` on."""
     total = sum(sizes)

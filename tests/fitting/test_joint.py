@@ -8,7 +8,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.optimize import approx_fprime, least_squares
 
-from fitting.joint import JointWalk, SharedSets, VariableProjection
+from fitting.joint import JointWalk, SharedSets, VariableProjection, common_inputs, shared_slopes
 from fitting.rules import Antecedents
 from fitting.scaling import Scaling, scale_target
 from fitting.starts import grid
@@ -125,3 +125,37 @@ def test_without_a_ridge_and_with_fewer_rows_than_unknowns() -> None:
     inputs = rng.normal(size=(5, 2))
     found = JointWalk(inputs, rng.normal(size=5), grid(inputs, (2, 2)).antecedents, ridge=0.0).advance(20)
     assert np.isfinite(found.optimum.cost)
+
+
+def tied_problem(n_inputs: int) -> tuple[SharedSets, NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    rng = np.random.default_rng(20 + n_inputs)
+    inputs = rng.normal(size=(90, n_inputs))
+    targets = np.tanh(inputs[:, 0]) * inputs[:, -1] + 0.3 * inputs[:, 0] + 0.05 * rng.standard_normal(90)
+    start = grid(inputs, (2,) * n_inputs)
+    whole = VariableProjection(inputs, targets, 2**n_inputs, RIDGE, common_inputs(n_inputs))
+    shared = SharedSets(whole, (2,) * n_inputs, equal_widths=True)
+    return shared, shared.pack(start.antecedents), inputs, targets
+
+
+@pytest.mark.parametrize("n_inputs", [1, 2, 3])
+def test_gradient_of_tied_rules_agrees_with_finite_differences(n_inputs: int) -> None:
+    problem, start, _, _ = tied_problem(n_inputs)
+    assert len(start) == 3 * n_inputs  # two centres and one width an input
+    start = start + 0.1 * np.random.default_rng(0).standard_normal(len(start))
+    _, downhill = problem.normal_equations(problem.evaluate(start))
+    numeric = approx_fprime(start, cost_of(problem), 1e-7)
+    assert -2.0 * downhill == pytest.approx(numeric, rel=1e-4, abs=1e-4)
+
+
+def test_tied_rules_have_one_width_an_input_and_one_slope_of_all_but_the_last() -> None:
+    problem, start, inputs, targets = tied_problem(2)
+    antecedents = problem.unpack(start + 0.1)
+    assert np.ptp(antecedents.widths, axis=0) == pytest.approx(0.0)
+    slopes = shared_slopes(4, 2, (0,))
+    fit = problem.evaluate(start + 0.1)
+    consequents = (slopes @ fit.theta).reshape(4, 3)
+    assert np.ptp(consequents[:, 1]) == 0.0 and np.ptp(consequents[:, 2]) > 0.0
+    by_hand = np.linalg.lstsq(
+        np.column_stack([antecedents.regressors(inputs)[:, [0, 3, 6, 9, 2, 5, 8, 11]], inputs[:, 0]]), targets
+    )[0]
+    assert fit.theta[[0, 1, 2, 3, 5, 6, 7, 8, 4]] == pytest.approx(by_hand, abs=1e-3)

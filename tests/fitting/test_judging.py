@@ -63,6 +63,7 @@ def test_the_figures_are_those_of_their_definitions() -> None:
     assert found == {
         "max_abs_dps": 3.0,
         "std_dps": 2.0,
+        "bias_stability_dps": pytest.approx(np.sqrt(8.0)),
         "mae_dps": 2.0,
         "mse_dps2": 5.0,
         "floor_dps": pytest.approx(np.sqrt(2.5)),

@@ -176,3 +176,29 @@ def test_memorised_dwells_show_when_temperatures_are_left_out(campaign: Callable
     assert std["spline"]["random"] < std["joint"]["random"]
     assert std["spline"]["leave_temperatures_out"] > std["joint"]["leave_temperatures_out"]
     assert std["spline"]["leave_temperatures_out"] > 3.0 * std["spline"]["random"]
+
+
+def test_the_share_of_rows_outside_the_range_of_their_fit_is_in_every_score(campaign: Callable[..., Any]) -> None:
+    """The coldest and the hottest dwell lie outside the range of the fits that do without them: 2 of 19."""
+    data = campaign(0)
+    found = evaluate(
+        {"linear": LinearCompensation}, data.inputs, data.reference, np.zeros(684), data.dwell, SplitPlan()
+    ).metrics
+    assert found["linear"]["random_train"]["guarded"] == 0.0
+    assert float(found["linear"]["leave_temperatures_out"]["guarded"] or 0.0) >= 2.0 / 19.0
+    assert float(found["linear"]["random"]["guarded"] or 0.0) < 0.1
+    assert found["none"]["random"]["guarded"] is None
+
+
+def test_groups_reach_estimators_that_take_them() -> None:
+    seen: list[NDArray[np.int64]] = []
+
+    class Grouped(Memory):
+        def fit(self, X: NDArray[np.float64], y: NDArray[np.float64], groups: Any = None) -> "Grouped":
+            seen.append(groups)
+            super().fit(X, y)
+            return self
+
+    judge({"grouped": Grouped}, SplitPlan(train_count=40))
+    assert [len(groups) for groups in seen] == [40, *[50] * 6, 60]
+    assert all(len(np.unique(groups)) == 10 for groups in seen[1:7])

@@ -12,11 +12,13 @@ from click.testing import CliRunner
 
 from bench.analyses.calibration import largest, raw_hash
 from bench.analyses.calibration_lab import pooled
-from bench.analyses.calibration_points import FROZEN, nearest, rate_sets, small_rates, visits
+from bench.analyses.calibration_points import nearest, rate_sets, small_rates, visits
 from bench.analyses.calibration_records import LONGEST_GAP, NotRecorded, abouts_of, from_columns
 from bench.analyses.calibration_words import digits, expanded_of, limits_of, value_of
 from bench.certificate.gather import calibrated
 from bench.cli.metrics import command as metrics
+from bench.errors import FogbenchError
+from bench.report.render import write_report
 from bench.verify.verify import verify
 from fitting.random_errors.mean import NoiseOfMean
 from tests.bench.campaigns import ROOT, run_campaign
@@ -170,19 +172,17 @@ class TestRateSets:
 
 
 class TestSmallRates:
-    inputs = [k / 3600.0 for k in (-2.0, -1.0, 0.0, 1.0, 2.0)]
+    inputs = tuple(k / 3600.0 for k in (-2.0, -1.0, 0.0, 1.0, 2.0))
 
     def test_responses_are_against_the_point_nearest_no_input_and_divided_by_k(self) -> None:
         outputs = [2.0 * one + 0.5 for one in self.inputs]
-        found = small_rates(points(self.inputs, outputs), "A", 2.0, 3.0 / 3600.0, "rate_reference_dps")
+        found = small_rates(points([*self.inputs], outputs), "A", 2.0, 3.0 / 3600.0, "rate_reference_dps")
         assert found.applied_dph.tolist() == pytest.approx([-2.0, -1.0, 1.0, 2.0])
         assert found.response_dph.tolist() == pytest.approx([-2.0, -1.0, 1.0, 2.0])
         assert found.u_dph == pytest.approx(np.hypot(1e-6, 1e-6) * 3600.0 / 2.0)
 
-    def test_points_stuck_in_a_dead_band_are_what_is_looked_for(self) -> None:
-        stuck = points(self.inputs, [0.0] * 5, verdict=["fail"] * 5, reasons=[*FROZEN] * 5)
-        assert len(small_rates(stuck, "A", 1.0, 3.0 / 3600.0, "rate_reference_dps").applied_dph) == 4
-        lost = points(self.inputs, [0.0] * 5, verdict=["fail"] * 5, reasons=["no samples"] * 5)
+    def test_points_that_failed_are_not_looked_at(self) -> None:
+        lost = points([*self.inputs], [0.0] * 5, verdict=["fail"] * 5, reasons=["output frozen"] * 5)
         with pytest.raises(NotRecorded, match="0 points have their input"):
             small_rates(lost, "A", 1.0, 3.0 / 3600.0, "rate_reference_dps")
 
@@ -239,7 +239,9 @@ def test_k_is_divided_by_first_and_the_earth_is_taken_off_then(run: Path) -> Non
     about = found["B0"]["conditions"]
     assert about["earth_rate_dph"] == pytest.approx(15.041067 * sin(40.0 * pi / 180.0), rel=1e-6)
     series = pd.read_parquet(run / "series" / "still-NAV-1.parquet")["rate_dps"].to_numpy()[600:]
-    assert found["B0"]["value"] == pytest.approx(series.mean() * 3600.0 / about["k"] - about["earth_rate_dph"], abs=1e-3)
+    assert found["B0"]["value"] == pytest.approx(
+        series.mean() * 3600.0 / about["k"] - about["earth_rate_dph"], abs=1e-3
+    )
 
 
 def test_white_noise_sets_the_short_bias_stability(run: Path) -> None:
@@ -249,8 +251,8 @@ def test_white_noise_sets_the_short_bias_stability(run: Path) -> None:
     assert found["N"]["value"] == pytest.approx(0.005, rel=0.05)
 
 
-def test_verify_makes_the_same_figures_again(run: Path, tmp_path: Path) -> None:
-    assert verify(run).passed
+def test_verify_makes_the_same_figures_again(run: Path) -> None:
+    assert not [finding for check in verify(run).checks for finding in check.findings]
     path = run / "analyses" / "calibration.json"
     text = path.read_text()
     document = json.loads(text)
@@ -263,12 +265,9 @@ def test_verify_makes_the_same_figures_again(run: Path, tmp_path: Path) -> None:
 
 
 def test_the_report_has_the_figures_and_the_allan_curve(run: Path) -> None:
-    page = (run / "report.html").read_text() if (run / "report.html").is_file() else ""
-    if not page:
-        from bench.report.render import write_report
-
-        page = write_report(run).read_text()
+    page = write_report(run).read_text(encoding="utf-8")
     assert "Calibration figures" in page and "Allan deviation" in page and "Bs(10 s) detrended" in page
+    assert "what the line leaves at each rate" in page
 
 
 def test_metrics_prints_figures_limits_and_definitions(run: Path) -> None:
@@ -277,11 +276,13 @@ def test_metrics_prints_figures_limits_and_definitions(run: Path) -> None:
     assert "0.01 pass" in done.output and "0.001 FAIL" in done.output and "HIGH-1 of" not in done.output
     assert "B: flat part of the overlapping Allan deviation divided by 0.664" in done.output
     assert "record still: 1800 s after 600 s of warm-up" in done.output
+    assert "ppm of reading" not in done.output
+    assert "ppm of reading" in CliRunner().invoke(metrics, [str(run), "--tables"]).output
     as_json = json.loads(CliRunner().invoke(metrics, [str(run), "--json"]).output)
     assert as_json["asked"] is True and set(as_json["duts"]) == {"NAV-1", "HIGH-1"}
 
 
-def test_metrics_of_a_run_without_the_block_are_what_the_data_allow(tmp_path: Path, run: Path) -> None:
+def test_metrics_of_a_run_without_the_block_are_what_the_data_allow(tmp_path: Path) -> None:
     end = run_campaign(tmp_path, "plain", QUICK, BENCH)
     found = calibrated(end.folder, "NAV-1")
     assert not found.asked and not (end.folder / "analyses" / "calibration.json").exists()
@@ -290,3 +291,19 @@ def test_metrics_of_a_run_without_the_block_are_what_the_data_allow(tmp_path: Pa
     assert {"B0", "Bs(100 s)", "N", "K", "Kn"} <= symbols
     done = CliRunner().invoke(metrics, [str(end.folder)])
     assert "no calibration block" in done.output and "K  " in done.output
+
+
+@pytest.mark.parametrize(
+    "text", ["", "[]", "{", '{"NAV-1": 5}', '{"NAV-1": {"figures": [{}], "tables": {}}}', "[" * 20_000]
+)
+def test_a_damaged_file_is_said_and_costs_nothing_else(run: Path, text: str) -> None:
+    path = run / "analyses" / "calibration.json"
+    kept = path.read_text()
+    path.write_text(text)
+    try:
+        page = write_report(run).read_text(encoding="utf-8")
+        assert "analyses/calibration.json cannot be read" in page and "Data quality" in page
+        done = CliRunner().invoke(metrics, [str(run), "--dut", "NAV-1"])
+        assert isinstance(done.exception, FogbenchError) and "fogbench fit" in str(done.exception)
+    finally:
+        path.write_text(kept)

@@ -16,6 +16,7 @@ import pytest
 
 from bench.cli.main import main
 from bench.errors import ExitCode
+from bench.journal import load_journal
 from bench.run import RunRequest, prepare, run
 from drivers.ports import open_serial
 from drivers.rate_tables.acutronic_acl import AcutronicAcl
@@ -121,6 +122,28 @@ def test_a_run_against_the_printed_bench_measures_in_bench_time(simulate: Start,
     assert manifest["duration_s"] < took_s * speed
     assert manifest["duration_s"] > manifest["wall_s"] * (0.9 * speed)
     assert {"truth.json", "truth.csv"} == {path.name for path in (tmp_path / "truth").iterdir()}
+
+
+@pytest.mark.wall
+def test_a_supply_is_switched_over_its_pty(simulate: Start, tmp_path: Path) -> None:
+    supply = "supply: {driver: scpi_supply, port: sim://supply, settings: {baud: 57600}, safe: {action: off}}\n"
+    bench = write(tmp_path, "one.yaml", ONE_GYRO.replace("duts:", f"{supply}duts:"))
+    live = simulate(bench, "--speed", 5, "--links", tmp_path / "dev", "-o", tmp_path / "live.yaml")
+    assert live.told["ports"]["supply"] == str(tmp_path / "dev" / "supply")
+    steps = "[{power: off}, {dwell: 2 s}, {record: {name: on, every: 100 ms, steps: [{power: on}, {dwell: 5 s}]}}]"
+    for attempt in ("first", "second"):
+        text = f"procedure: live\nguards: [{{name: q, watch: sample_quality, lost: 1 %, over: 2 s}}]\nsteps: {steps}\n"
+        request = RunRequest(write(tmp_path, "p.yaml", text), tmp_path / "live.yaml", tmp_path / "results", attempt)
+        end = run(prepare(request))
+        assert end.outcome == "PASS", end.message
+        (series,) = end.manifest["series"]
+        assert series["losses"]["lost"] == 0 and series["rows"] >= 49
+        entries = load_journal(end.folder / "journal.jsonl")
+        # the first run left it off, as its bench file says; the second switches it on to hear the gyro
+        switched = [entry["to"] for entry in entries if entry["kind"] == "power"]
+        assert switched == ["on"] * (attempt == "second") + ["off", "on"]
+        assert "output off" in [entry["text"] for entry in entries if entry["kind"] == "safe"]
+    live.end()
 
 
 @pytest.mark.wall

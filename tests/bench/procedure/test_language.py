@@ -33,6 +33,7 @@ MINIMAL: dict[str, dict[str, Any]] = {
     "settle": {"band": "0.02 deg/s"},
     "go_to_position": {"to": "90 deg"},
     "dwell": {"for": "5 s"},
+    "power": {"to": "off"},
     "acquire": {"count": 1000, "every": "0.6 s"},
     "sweep": {"rate": ["1 deg/s"], "steps": [{"dwell": "1 s"}]},
     "repeat": {"times": 3, "steps": [{"dwell": "1 s"}]},

@@ -5,6 +5,8 @@ import pytest
 
 from bench.report import tables_quality
 from bench.report.data import DutData, ReportData
+from bench.report.manifest import Event
+from bench.report.render import render
 from bench.report.tables import Table
 
 
@@ -87,3 +89,46 @@ def test_points_to_look_at_put_failures_first_and_are_bounded(small: ReportData)
     assert shown.rows[0][5].text == "no samples"
     assert "70 points" in shown.caption
     assert tables_quality.points_to_look_at(dataclasses.replace(small, duts=(passed,))) is None
+
+
+def test_missing_points_stand_with_the_command_that_measures_them(small: ReportData) -> None:
+    def shown(outcome: str, **missing: dict[str, str]) -> Table | None:
+        manifest = dataclasses.replace(small.manifest, run_id="a run", outcome=outcome, missing=missing)
+        return tables_quality.missing_points(dataclasses.replace(small, manifest=manifest))
+
+    assert shown("PASS") is None
+    lacking = {"A1": {"not_measured": "12-28", "failed": "9"}, "B1": {"failed": "3"}}
+    table = shown("FAIL", **lacking)
+    assert table is not None and texts(table) == [["A1", "12-28", "9"], ["B1", "–", "3"]]
+    assert table.caption.endswith("fogbench resume 'a run' --missing")
+    aborted = shown("ABORTED", **lacking)
+    assert aborted is not None and aborted.caption.endswith("fogbench resume 'a run'")
+
+
+def test_links_are_listed_up_to_a_number(small: ReportData) -> None:
+    def shown(*events: Event) -> Table | None:
+        manifest = dataclasses.replace(small.manifest, events=events)
+        return tables_quality.links(dataclasses.replace(small, manifest=manifest))
+
+    note = Event(1.0, "note", "hello")
+    assert shown(note) is None
+    lost = [Event(60.0 * number, "link", f"chamber: lost {number}") for number in range(1, 44)]
+    table = shown(note, lost[0])
+    assert (
+        table is not None and texts(table) == [["1 min 00 s", "chamber: lost 1"]] and "The first" not in table.caption
+    )
+    many = shown(note, *lost)
+    assert many is not None and len(many.rows) == 40 and "The first 40 of 43 are listed." in many.caption
+
+
+def test_the_page_tells_what_is_missing_and_which_links_were_lost(small: ReportData) -> None:
+    bare = dataclasses.replace(small, duts=())
+    assert "Missing points" not in render(bare) and "Links that were lost" not in render(bare)
+    manifest = dataclasses.replace(
+        small.manifest,
+        missing={"gyro-a": {"not_measured": "12-28"}},
+        events=(Event(90.0, "link", "gyro-a: left out: silent"),),
+    )
+    page = render(dataclasses.replace(bare, manifest=manifest))
+    assert "Missing points per DUT" in page and "12-28" in page and f"resume {manifest.run_id}" in page
+    assert "gyro-a: left out: silent" in page

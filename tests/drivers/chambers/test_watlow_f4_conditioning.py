@@ -1,6 +1,7 @@
 """Switching a Watlow F4 chamber by the event output its maker wired, byte by byte and through the simulated one."""
 
 import pytest
+import serial
 import simpy
 from pymodbus.framer import FramerRTU
 from pymodbus.pdu import DecodePDU
@@ -35,7 +36,8 @@ def plant():
 
 
 @pytest.fixture
-def heard(plant):
+def heard(plant, monkeypatch):
+    monkeypatch.setattr(serial, "protocol_handler_packages", ["simulated_hw.wire"])
     heard = Heard(SimulatedWatlowF4(simpy.Environment(), plant, {"conditioning_event": 2}))
     switchboard.attach(ADDRESS, heard)
     yield heard

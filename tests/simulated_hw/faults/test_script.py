@@ -61,11 +61,37 @@ def test_by_place_for_a_time_once_and_not_before_a_time() -> None:
     assert windows(50.0, when=place, for_s=5.0).until(200.0) == [(50.0, 55.0)]
 
 
-def run(begins_s: float, instant: bool, **script: object) -> list[tuple[str, float]]:
+def test_what_came_once_by_place_in_an_earlier_world_has_come() -> None:
+    place = Condition(chamber_below_degc=60.0)
+    again = Windows(Script(when=place, for_s=5.0), Bench(), Bench(), 50.0, begun_s=41.0)
+    assert again.complete and again.until(200.0) == [(41.0, 46.0)]
+    # by time and as long as a place lasts nothing changes
+    assert Windows(Script(at_s=60.0), Bench(), Bench(), 50.0, begun_s=41.0).until(200.0) == [(60.0, math.inf)]
+    assert Windows(Script(when=place), Bench(), Bench(), 50.0, begun_s=41.0).until(200.0) == [(50.0, math.inf)]
+
+
+def test_what_comes_once_by_place_is_told_when_it_begins() -> None:
+    told: list[float] = []
+    once = windows(when=Condition(chamber_below_degc=60.0), for_s=5.0)
+    once.on_begin = told.append
+    once.until(40.0)
+    assert told == []
+    once.until(60.0)
+    once.until(200.0)
+    assert told == [41.0]
+
+
+def run(
+    begins_s: float, instant: bool, looked_s: float = math.inf, begun_s: float | None = None, **script: object
+) -> list[tuple[str, float]]:
+    """What a process sees until 300 s; somebody else asks for the windows at looked_s."""
     env = simpy.Environment(initial_time=begins_s)
     seen: list[tuple[str, float]] = []
     begin, end = (lambda: seen.append(("begin", env.now))), (lambda: seen.append(("end", env.now)))
-    env.process(follow(env, windows(begins_s, **script), begin, end, instant))
+    times = Windows(Script(**script), Bench(), Bench(), begins_s, begun_s)
+    if looked_s < math.inf:
+        env.timeout(looked_s - begins_s).callbacks.append(lambda _: times.until(env.now))
+    env.process(follow(env, times, begin, end, instant))
     env.run(until=300.0)
     return seen
 
@@ -82,6 +108,17 @@ def test_a_resumed_world_repeats_nothing_that_is_over() -> None:
     assert run(20.0, False, at_s=10.0, for_s=2.0) == []
     assert run(11.0, False, at_s=10.0, for_s=2.0) == [("begin", 11.0), ("end", 12.0)]
     assert run(11.0, True, at_s=10.0) == []
+    place = Condition(setpoint_below_degc=60.0)
+    assert run(45.0, False, begun_s=31.0, when=place, for_s=10.0) == []
+    assert run(35.0, False, begun_s=31.0, when=place, for_s=10.0) == [("begin", 35.0), ("end", 41.0)]
+    assert run(35.0, True, begun_s=31.0, when=place, for_s=10.0) == []
+
+
+def test_a_world_that_begins_between_two_seconds_finds_the_same_windows() -> None:
+    place = Condition(setpoint_below_degc=60.0)
+    assert run(12.345, False, when=place, for_s=3.0) == [("begin", 31.0), ("end", 34.0)]
+    # a reader that asks first takes nothing away
+    assert run(12.345, False, looked_s=31.0, when=place, for_s=3.0) == [("begin", 31.0), ("end", 34.0)]
 
 
 @pytest.mark.parametrize(

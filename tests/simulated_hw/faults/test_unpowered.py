@@ -2,7 +2,6 @@
 
 import csv
 from dataclasses import replace
-from importlib.metadata import EntryPoint, EntryPoints
 
 import numpy as np
 import pytest
@@ -11,7 +10,6 @@ import serial
 from drivers.power_supplies.scpi_supply import ScpiSupply, ScpiSupplySettings
 from simulated_hw import world as world_module
 from simulated_hw.faults.kinds import FAULTS, FaultSpec
-from simulated_hw.wire.scpi_supply import SimulatedScpiSupply
 from simulated_hw.world import InstrumentSpec, World, WorldError, WorldSpec, gyro_class
 from tests.simulated_hw.faults.worlds import CAN, SERIAL, can_gyro, serial_gyro, wait
 
@@ -24,18 +22,6 @@ class Mute:
 
     def __init__(self, env, plant, settings):
         self.env = env
-
-
-@pytest.fixture(autouse=True)
-def simulators(monkeypatch):
-    real = world_module.entry_points
-
-    def with_ours(*, group):
-        own = {"scpi_supply": SimulatedScpiSupply, "mute": Mute}
-        ours = [type("Loaded", (EntryPoint,), {"load": lambda self: own[self.name]})(n, f"x:{n}", group) for n in own]
-        return EntryPoints([*(found for found in real(group=group) if found.name not in own), *ours])
-
-    monkeypatch.setattr(world_module, "entry_points", with_ours)
 
 
 def powered_world(truth=None, **changes):
@@ -120,7 +106,8 @@ def test_beside_other_faults():
         assert len(gyro.take()) == 0
 
 
-def test_a_simulator_that_cannot_be_silent_is_refused():
+def test_a_simulator_that_cannot_be_silent_is_refused(monkeypatch):
+    monkeypatch.setattr(world_module, "_simulator", lambda driver: Mute)
     mute = InstrumentSpec("mute", "sim://mute")
     with pytest.raises(WorldError, match="Mute of M cannot be without power"):
         powered_world(duts={"M": mute}, gyro_parameters={}).open()

@@ -7,7 +7,7 @@ from simulated_hw.physics.power import PowerHistory
 from simulated_hw.physics.supply import SupplyParameters, SupplyPlant
 from simulated_hw.wire.scpi_supply import SimulatedScpiSupply
 
-QUIET = SupplyParameters(noise_v=0.0, noise_a=0.0)
+QUIET = SupplyParameters(voltage_noise_v=0.0, current_noise_a=0.0)
 
 
 @pytest.fixture
