@@ -23,6 +23,7 @@ LOG = VENV / "setup.log"
 # Published experiment -> procedure and bench (docs/reference/experiments.md).
 EXPERIMENTS = {
     "ts": ("temperature_rate_grid", "virtual"),
+    "ts648": ("temperature_rate_grid_648", "virtual"),
     "rlg": ("rlg_thermal_cycle", "virtual_rlg"),
     "bp": ("bp_stepped_cycle", "virtual_bp"),
     "north": ("north_seeking", "virtual_north"),
@@ -34,7 +35,7 @@ USAGE = """usage: python3 do.py COMMAND
   experiments  the four published experiments (ts, rlg, bp, north) on their virtual benches, and one page of results
   test         style, types, import contracts, the fast tests and a whole campaign
   fast         style, types, import contracts and the fast tests only
-  bench        the benchmarks
+  bench        the benchmarks; bench peers --install also fits other packages, in environments of their own
   crash        kill -9 a small campaign 200 times, virtual and on live simulators, resume it each time, print the tally
   setup        only set up .venv
 """

@@ -130,7 +130,7 @@ def install(names: Sequence[str]) -> dict[str, str]:
 
 def print_table(seeds: int, limit_s: float, failed: dict[str, str]) -> None:
     print(f"surface A, {TRAINING_ROWS} rows to fit, seeds 0 to {seeds - 1}: median (worst) in deg/s")
-    print("fit: processor time on one thread, best of 3 if quick; x fit, x max, x std: times those of T-S joint, 6 rules")
+    print("fit: processor time on one thread, best of 3 if quick; x: times that of T-S joint, 6 rules")
     titles = f"{'max':>21}{'std':>21}{'fit ms':>11}{'x fit':>9}{'x max':>9}{'x std':>9}"
     print(f"{'':28}{'package':22}{'sets':>5}{titles}")
     absent = missing()

@@ -18,7 +18,7 @@ WIDTHS = 2.0 ** np.linspace(-2.0, 4.0, 13)
 GAMMAS = 10.0 ** np.linspace(0.0, 12.0, 13)
 _TREND_DEGREE = {"constant": 0, "linear": 1}
 # Each input's own width is then doubled or halved as long as that helps, this often in all.
-_STRETCHES = 6
+_STRETCHES = 4
 
 
 @dataclass(frozen=True)

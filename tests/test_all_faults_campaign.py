@@ -156,7 +156,8 @@ def true_rates_dps(story: Story, mine: pd.DataFrame, dut: str) -> Floats:
     logs = [pd.read_csv(folder / "truth.csv") for folder in truth_folders(story.run)]
     times_s = np.concatenate([log["t_s"] for log in logs])
     felt_dps = np.concatenate([log[f"input_rate_dps:{dut}"] for log in logs])
-    inside = [(times_s > row.started_at_s) & (times_s < row.ended_at_s) for row in mine.itertuples()]
+    windows = mine[["started_at_s", "ended_at_s"]].to_numpy()
+    inside = [(times_s > began_s) & (times_s < ended_s) for began_s, ended_s in windows]
     assert all(rows.any() for rows in inside)
     return np.array([felt_dps[rows].mean() for rows in inside])
 
@@ -164,13 +165,13 @@ def true_rates_dps(story: Story, mine: pd.DataFrame, dut: str) -> Floats:
 def expanded_u_dps(predict: Any, mine: pd.DataFrame, figures: dict[str, Any]) -> Floats:
     """The uncertainty that the product states of each compensated rate, at 95 %, from what the product knows."""
     stated = []
-    for row in mine.itertuples():
-        white_dps = row.rate_std_dps / sqrt(row.samples)
-        noise = NoiseOfMean(row.rate_mean_u_dps * 3600.0, sqrt(row.samples) - 1.0, white_dps * 3600.0)
+    for row in mine.to_dict("records"):
+        white_dps = row["rate_std_dps"] / sqrt(row["samples"])
+        noise = NoiseOfMean(row["rate_mean_u_dps"] * 3600.0, sqrt(row["samples"]) - 1.0, white_dps * 3600.0)
         at = RateConditions(
-            temperature_degc=row.dut_temperature_degc,
-            output_dps=row.rate_mean_dps,
-            reference_dps=row.rate_reference_dps,
+            temperature_degc=row["dut_temperature_degc"],
+            output_dps=row["rate_mean_dps"],
+            reference_dps=row["rate_reference_dps"],
             noise=noise,
             table_ppm=TABLE_PPM,
             sensor_degc=SENSOR_DEGC,

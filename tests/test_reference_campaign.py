@@ -14,6 +14,8 @@ from fitting.modelfile import load_model
 
 ROOT = Path(__file__).resolve().parents[1]
 pytestmark = pytest.mark.campaign
+# What is not looked at here need not be fitted.
+MODELS = ("--set", "procedure.analysis.models=[linear, ts_joint]")
 
 # Runs the command line in a process of its own and reports the peak memory of that process.
 LAUNCHER = """
@@ -88,12 +90,12 @@ def test_the_compensation_recovers_the_truth(campaign: tuple[Path, dict[str, Any
 
 def test_the_same_seed_gives_the_same_campaign(campaign: tuple[Path, dict[str, Any], float]) -> None:
     folder, _, _ = campaign
-    fogbench(folder.parent, "again", "temperature_rate_grid.yaml", "--set", "procedure.raw=none")
+    fogbench(folder.parent, "again", "temperature_rate_grid.yaml", "--set", "procedure.raw=none", *MODELS)
     assert (folder.parent / "again" / "points.csv").read_bytes() == (folder / "points.csv").read_bytes()
 
 
 def test_the_papers_own_count_and_split(tmp_path: Path) -> None:
-    summary, _ = fogbench(tmp_path, "paper", "temperature_rate_grid_648.yaml", "--set", "procedure.raw=none")
+    summary, _ = fogbench(tmp_path, "paper", "temperature_rate_grid_648.yaml", "--set", "procedure.raw=none", *MODELS)
     assert summary["points"] == 648
     for models in summary["metrics"].values():
         assert models["ts_joint"]["random_train"]["n"] == 448 and models["ts_joint"]["random"]["n"] == 200

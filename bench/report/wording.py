@@ -7,8 +7,16 @@ MODELS = {
     "linear": "linear",
     "ts_published": "T-S published",
     "ts_joint": "T-S joint",
-    "ls_svm": "LS-SVM",
-    "bp": "BP network",
+    "ls_svm_published": "LS-SVM, untuned",
+    "ls_svm": "LS-SVM, tuned",
+    "bp_gradient": "BP network, gradient",
+    "bp_lm": "BP network, Levenberg–Marquardt",
+    "polynomial": "polynomial",
+    "rbf": "radial basis spline",
+    "gaussian_process": "Gaussian process",
+    "svr": "ε-SVR",
+    "ts_auto": "T-S, rules chosen",
+    "automatic": "chosen by cross-validation",
 }
 SPLITS = {
     "leave_temperatures_out": "leave temperatures out",

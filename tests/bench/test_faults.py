@@ -160,3 +160,14 @@ def test_the_rehearsal_knows_no_faults(tmp_path: Path) -> None:
     end = broken(tmp_path, {"name": "fault", "on": "rate_table", "at": "1 min"})
     forecast = next(entry for entry in read_journal(end.folder / "journal.jsonl") if entry["kind"] == "forecast")
     assert end.outcome == "ERROR" and forecast["failure"] is None
+
+
+def test_an_end_that_was_not_safe_is_not_said_of_the_attempts_behind_it(tmp_path: Path) -> None:
+    lying = {"name": "encoder_error", "rate_offset": "0.5 deg/s", "when": {"table_above": "20 deg/s"}, "for": "3 min"}
+    e_stop = {"name": "e_stop", "when": {"table_above": "60 deg/s"}, "for": "10 s"}
+    end = broken(tmp_path, *({"on": "rate_table", **fault} for fault in (lying, e_stop)))
+    assert "NOT SAFE: rate table: still turning at 0." in end.message
+    again = run(prepare_resume(end.folder))
+    assert "emergency stop" in again.message and "NOT SAFE" not in again.message
+    # the record keeps it all the same
+    assert any("NOT SAFE" in text for text in events(again, "safe"))
