@@ -96,6 +96,7 @@ METHODS: dict[str, Callable[[], Any]] = {
     "radial basis spline": RadialBasisSpline,
     "Gaussian process": GaussianProcess,
     "SVR, grid coarse to fine": svr_of_a_campaign,
+    "SVR, grid, narrow tube": lambda: SupportVectorRegression(trend="linear", epsilon=0.003),
     "sklearn SVR, default": lambda: Correction(SVR()),
     "sklearn MLPRegressor(10), lbfgs": lambda: Correction(
         MLPRegressor(hidden_layer_sizes=(10,), activation="tanh", solver="lbfgs", max_iter=2000, random_state=0)
@@ -108,7 +109,7 @@ METHODS: dict[str, Callable[[], Any]] = {
     "floor": Inverse,
 }
 # One data set, one repetition, fewer rows predicted, no folds.
-SLOW = {"sklearn GaussianProcess, ARD", "SVR, grid coarse to fine"}
+SLOW = {"sklearn GaussianProcess, ARD", "SVR, grid coarse to fine", "SVR, grid, narrow tube"}
 # One repetition; and predictions that cost microseconds a row.
 ONCE = SLOW | {"T-S joint, automatic", "automatic, any model", "Gaussian process"}
 COSTLY = SLOW | {name for name in METHODS if "LS-SVM" in name or name in ("Gaussian process", "radial basis spline")}
@@ -229,7 +230,8 @@ def print_targets(found: dict[str, dict[str, float]]) -> None:
     for name, figure, limit in TARGETS:
         value = found[name][figure]
         print(f"{name:34}{figure:>16}{limit:12.3g}{value:12.3g}   {'reached' if value <= limit else 'MISSED'}")
-    ratio = found["SVR, grid coarse to fine"]["fit_s"] / found["LS-SVM, leave-one-out"]["fit_s"]
+    # The tube with which the grid reaches the std of 0.010 deg/s that the fitting notes give it.
+    ratio = found["SVR, grid, narrow tube"]["fit_s"] / found["LS-SVM, leave-one-out"]["fit_s"]
     print(
         f"{'SVR grid / LS-SVM':34}{'fit_s':>16}{60.0:12.3g}{ratio:12.3g}   {'reached' if ratio >= 60.0 else 'MISSED'}"
     )

@@ -81,6 +81,8 @@ def _started(command: list[str], complaints: Path) -> subprocess.Popen[bytes]:
     with complaints.open("wb") as stderr:
         return subprocess.Popen(
             command,
+            # Some leave files where they are started.
+            cwd=complaints.parent,
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
             stderr=stderr,
