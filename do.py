@@ -29,6 +29,9 @@ EXPERIMENTS = {
     "north": ("north_seeking", "virtual_north"),
 }
 
+# A file's tests share what they run, so a file stays in one process.
+PARALLEL = ("-n", "auto", "--dist", "loadfile")
+
 USAGE = """usage: python3 do.py COMMAND
 
   campaign     run the reference campaign (155 hours and more) on the virtual bench, fit it, write the report
@@ -112,13 +115,13 @@ def checks() -> int:
 def fast(arguments: list[str]) -> int:
     """Checks and the fast tests."""
     set_up("dev")
-    return checks() or run("pytest", "-q", *arguments)
+    return checks() or run("pytest", "-q", *PARALLEL, *arguments)
 
 
 def test(arguments: list[str]) -> int:
     """Checks, the fast tests, then whole campaigns."""
     set_up("dev")
-    return checks() or run("pytest", "-q", "-m", "not long", *arguments)
+    return checks() or run("pytest", "-q", *PARALLEL, "-m", "not long", *arguments)
 
 
 def bench(arguments: list[str]) -> int:

@@ -95,7 +95,7 @@ WORDS = [
     Bad("key of the simulation", "seed: 1", "sead: 1", "b:sead", "unknown key 'sead' | Did you mean seed?"),
     Bad("verb", "- acquire:", "- aquire:", "p:aquire", "unknown verb 'aquire' | Allowed: acquire, dwell | acquire?"),
     Bad("order", "ramp: 1 degC/min", "order: donw", "p:donw", "'donw' is not allowed | Did you mean down?"),
-    Bad("model", "ts_joint", "ts_jiont", "p:ts_jiont", "unknown model 'ts_jiont' | Allowed: linear, | ts_joint?"),
+    Bad("model", "ts_joint", "ts_jiont", "p:ts_jiont", "unknown model 'ts_jiont' | Allowed: automatic, | ts_joint?"),
     Bad("driver", "watlow_f4", "watlow-f4", "b:watlow-f4", "unknown driver 'watlow-f4' | chamber | watlow_f4?"),
     Bad(
         "driver of another kind", "serial_frames", "watlow_f4", "b:watlow_f4\n    port: sim://a1", "for a DUT | can_dbc"

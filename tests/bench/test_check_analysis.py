@@ -1,11 +1,13 @@
 """`check` of what comes after the steps: analyses that could not be made, and the simulation of a virtual bench."""
 
+from importlib.metadata import entry_points
 from pathlib import Path
 
 import pytest
 
 from tests.bench.checking import BENCH, checked, mistakes
 
+MODELS = ", ".join(sorted(item.name for item in entry_points(group="fogbench.models")))
 GRID = """\
   - sweep:
       temperature: [0 degC, 10 degC, 20 degC]
@@ -29,7 +31,7 @@ GRID = """\
         (
             GRID,
             "{models: [linear, ts_jont]}",
-            ["p.yaml:14:29: unknown model 'ts_jont'. Allowed: linear, ts_joint, ts_published. Did you mean ts_joint?"],
+            [f"p.yaml:14:29: unknown model 'ts_jont'. Allowed: {MODELS}. Did you mean ts_joint?"],
         ),
         (
             GRID,
@@ -95,7 +97,7 @@ def test_one_mistake_does_not_draw_others_after_it(tmp_path: Path, steps: str) -
     [
         (
             "{sed: 5}",
-            "b.yaml:21:14: unknown key 'sed'. Allowed: chamber, duts, faults, rate_table, seed. Did you mean seed?",
+            "b.yaml:21:14: unknown key 'sed'. Allowed: chamber, duts, faults, rate_table, seed, supply. Did you mean seed?",
         ),
         ("{seed: x}", "b.yaml:21:20: 'seed': a whole number is expected."),
         ("{duts: {C1: {class: ts_a}}}", "b.yaml:21:21: there is no DUT 'C1'. Allowed: A1, B1."),

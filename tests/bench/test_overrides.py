@@ -149,7 +149,7 @@ def mistakes(tmp_path: Path, *texts: str) -> list[str]:
     ("text", "message"),
     [
         ("procedure.raw=all", "'raw': 'all' is not allowed. Allowed: frames, none, samples."),
-        ("procedure.rav=none", "unknown key 'rav'. Allowed: analysis, description,"),
+        ("procedure.rav=none", "unknown key 'rav'. Allowed: analysis, calibration, cycles,"),
         ("procedure.limits.rate=5 K", "'rate': '5 K' has the unit 'K'"),
         (
             "procedure.limits.rat=5 K",
