@@ -62,7 +62,8 @@ def bench_page() -> str:
                 f"\n### `{point.name}` ({role.replace('_', ' ')})\n\n{_doc(settings)}\n\n{_fields(model_of(settings))}"
             )
     parts.append(
-        "\n## The `simulation:` block of a virtual bench\n\n`seed`, `chamber`, `rate_table`, `supply`, `faults` and `duts` by "
+        "\n## The `simulation:` block of a virtual bench\n\n`seed`, `chamber`, `rate_table`, `supply`, `faults` and "
+        "`duts` by "
     )
     parts.append(
         f"serial number. A DUT starts from a `class` ({', '.join(GYRO_CLASSES)}), any number of which may be changed.\n"
@@ -78,7 +79,8 @@ def _faults() -> str:
     on["the supply"] = faults_of("supply")
     parts = [
         "\n## `faults:` of the simulation\n\nA list; each has a `name`, the instrument it is `on` (`chamber`, "
-        "`rate_table`, `supply` or a DUT's serial number), the keys of its own below, and those that say when it is on:\n\n",
+        "`rate_table`, `supply` or a DUT's serial number), the keys of its own below, and those that say when it is "
+        "on:\n\n",
         f"{_doc(Script)}\n\n{_fields(model_of(Script))}\n### Condition\n\n{_doc(Condition)}\n\n",
         _fields(model_of(Condition)),
     ]

@@ -97,7 +97,8 @@ def test_one_mistake_does_not_draw_others_after_it(tmp_path: Path, steps: str) -
     [
         (
             "{sed: 5}",
-            "b.yaml:21:14: unknown key 'sed'. Allowed: chamber, duts, faults, rate_table, seed, supply. Did you mean seed?",
+            "b.yaml:21:14: unknown key 'sed'. Allowed: chamber, duts, faults, rate_table, seed, supply. Did you mean "
+            "seed?",
         ),
         ("{seed: x}", "b.yaml:21:20: 'seed': a whole number is expected."),
         ("{duts: {C1: {class: ts_a}}}", "b.yaml:21:21: there is no DUT 'C1'. Allowed: A1, B1."),
