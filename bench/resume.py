@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from bench.attempt import record_files
+from bench.benchfile import Bench
 from bench.check import Checked, check
 from bench.clock import seconds_since_changed
 from bench.dutlinks import left_out
@@ -26,11 +27,14 @@ from bench.series import finished_series
 KINDS = ("procedure", "bench")
 
 
-def prepare_resume(folder: Path, accept: Sequence[str] = (), missing: bool = False) -> Prepared:
+def prepare_resume(
+    folder: Path, accept: Sequence[str] = (), missing: bool = False, after_s: float | None = None
+) -> Prepared:
     """Check and rehearse what is left of a run. Raises UserMistake; touches no hardware.
 
     `accept` names the files ('procedure', 'bench') whose changes since the run began are wanted. With `missing`, what
-    is left is what a run whose plan was carried out did not measure, or measured badly.
+    is left is what a run whose plan was carried out did not measure, or measured badly. `after_s` is how long a virtual
+    bench stood meanwhile: its time goes on only when it is said to.
     """
     entries = load_journal(folder / "journal.jsonl")
     _check_finished(folder, entries, missing)
@@ -40,7 +44,7 @@ def prepare_resume(folder: Path, accept: Sequence[str] = (), missing: bool = Fal
     stop = interruption_of(entries)
     checked, accepted = _with_changes(folder, entries[0], recorded, overrides, stop.next_step, accept)
     bench = checked.bench
-    gap_s = 0.0 if bench.virtual else seconds_since_changed(folder / "journal.jsonl") * bench.file.clock.speed
+    gap_s = _gap_s(folder, bench, after_s)
     attempt = 2 + sum(entry["kind"] == "resumed" for entry in entries)
     seed = int(entries[0]["seed"])
     absent = left_out(entries)
@@ -50,6 +54,15 @@ def prepare_resume(folder: Path, accept: Sequence[str] = (), missing: bool = Fal
     lacking = missing_of(entries, checked.plan)
     resumed = Resumed(stop, gap_s, attempt, accepted, lacking, absent)
     return Prepared(folder, checked, seed, _forecast(checked, seed, lacking), overrides, resumed)
+
+
+def _gap_s(folder: Path, bench: Bench, after_s: float | None) -> float:
+    """Bench time since the run stopped: by the wall, or on a virtual bench as stated. UserMistake for a real one."""
+    if bench.virtual:
+        return after_s or 0.0
+    if after_s is not None:
+        raise UserMistake("--after is for a virtual bench; on a real one the time that has passed has passed.")
+    return seconds_since_changed(folder / "journal.jsonl") * bench.file.clock.speed
 
 
 def _check_finished(folder: Path, entries: Sequence[Entry], missing: bool) -> None:

@@ -22,10 +22,23 @@ from bench.cli.options import json_option, junit_option, results_option
     is_flag=True,
     help="Of a run that came to its end, measure what it lacks: points of a DUT that was lost, points that failed.",
 )
+@click.option(
+    "--after",
+    metavar="TIME",
+    help="Of a virtual bench: how long it stood since, e.g. '1 h'; its faults and its cooling go on for as long.",
+)
 @results_option
 @json_option
 @junit_option
-def command(run: str, accept: tuple[str, ...], missing: bool, results: Path, as_json: bool, junit: Path | None) -> None:
+def command(
+    run: str,
+    accept: tuple[str, ...],
+    missing: bool,
+    after: str | None,
+    results: Path,
+    as_json: bool,
+    junit: Path | None,
+) -> None:
     """Take RUN up again after an abort, a failure, a crash or a power cut.
 
     Finished points are kept and never measured again; an acquisition that was broken off is dropped. The bench is
@@ -41,4 +54,17 @@ def command(run: str, accept: tuple[str, ...], missing: bool, results: Path, as_
     from bench.runfolder import find_run
 
     with junit_file(junit, Path(run).name) as file:
-        carry_out(prepare_resume(find_run(run, results), accept, missing), as_json, file)
+        carry_out(prepare_resume(find_run(run, results), accept, missing, _seconds(after)), as_json, file)
+
+
+def _seconds(after: str | None) -> float | None:
+    from bench.errors import UserMistake
+    from bench.units import parse_quantity
+
+    try:
+        seconds = None if after is None else parse_quantity(after, "s")
+    except ValueError as error:
+        raise UserMistake(f"--after {after}: {error}") from error
+    if seconds is not None and seconds < 0:
+        raise UserMistake(f"--after {after}: a time that has passed is not negative.")
+    return seconds

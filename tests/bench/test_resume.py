@@ -13,13 +13,13 @@ from typing import Any
 import pandas as pd
 import pytest
 
-from bench.errors import Interrupted, UserMistake
+from bench.errors import BenchFailure, Interrupted, UserMistake
 from bench.journal import load_journal
 from bench.resume import prepare_resume
 from bench.resumption import Interruption, interruption_of
 from bench.run import run
 from bench.status import status_of
-from tests.bench.campaigns import ENDLESS, ENDLESS_POINTS, GRID, ROOT, VIRTUAL, run_campaign, write
+from tests.bench.campaigns import ENDLESS, ENDLESS_POINTS, GRID, ROOT, VIRTUAL, run_campaign, virtual_bench, write
 
 STEPS_TO_POINT_9 = 9
 
@@ -251,3 +251,17 @@ def test_interrupted_is_what_a_stop_raises() -> None:
     clock.stop.ask()
     with pytest.raises(Interrupted):
         clock.idle()
+
+
+def test_a_virtual_bench_can_be_told_how_long_it_stood(tmp_path: Path) -> None:
+    """Its time stands still between attempts: an alarm of an hour would be there at every resume."""
+    fault = {"name": "alarm", "on": "chamber", "at": "20 min", "for": "1 h"}
+    bench = virtual_bench(tmp_path, seed=1, duts={}, faults=[fault])
+    end = run_campaign(tmp_path, "r", GRID, bench)
+    assert end.outcome == "ERROR"
+    with pytest.raises(BenchFailure, match="the chamber reports"):
+        run(prepare_resume(end.folder))
+    end = run(prepare_resume(end.folder, after_s=3600.0))
+    assert end.outcome == "PASS", end.message
+    gaps = [entry["gap_s"] for entry in load_journal(end.folder / "journal.jsonl") if entry["kind"] == "resumed"]
+    assert gaps == [3600.0]
