@@ -9,9 +9,10 @@ from typing import Any
 from bench.forecast import Forecast
 from bench.journal import Entry, load_journal
 from bench.locks import run_is_held
-from bench.manifest import EVENT_KINDS, event_text, points_planned
+from bench.manifest import EVENT_KINDS, event_text, planned, points_planned
 from bench.points import finished_rows
 from bench.replacement import left_to_measure, ranges
+from bench.series import finished_series
 
 LAST_EVENTS = 5
 
@@ -33,6 +34,8 @@ def status_of(folder: Path) -> dict[str, Any]:
         "step": step and {key: step[key] for key in ("step", "verb", "at")},
         "points_measured": len({row["point"] for row in finished_rows(entries)}),
         "points_planned": points_planned(entries),
+        "records_made": len({one["record"] for one in finished_series(entries)}),
+        "records_planned": planned(entries, "records_planned"),
         "verdicts": {verdict: verdicts.count(verdict) for verdict in ("pass", "marginal", "fail")},
         "missing": _missing(entries, state),
         "readbacks": {key: value for key, value in readback.items() if key not in ("n", "t_s", "kind")},

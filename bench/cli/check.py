@@ -85,7 +85,7 @@ def _line(path: Path, checked: Checked) -> str:
     kind = "virtual" if checked.bench.virtual else "real"
     duts = len(checked.bench.duts)
     return (
-        f"{path}: ok on {checked.bench.file.bench} ({kind} bench): {len(checked.plan)} steps, {checked.points} points "
+        f"{path}: ok on {checked.bench.file.bench} ({kind} bench): {len(checked.plan)} steps, {checked.content} "
         f"of {duts} DUT{'s' if duts != 1 else ''}, about {format_duration(checked.duration_s)}, "
         f"{checked.disk_bytes / 1e6:.0f} MB on disk, all setpoints within limits{_expected(checked)}"
     )

@@ -39,12 +39,8 @@ def command(run: str, watch: bool, results: Path, as_json: bool) -> None:
 def _text(status: dict[str, Any]) -> str:
     from bench.units import format_duration
 
-    step, verdicts = status["step"], status["verdicts"]
-    lines = [
-        f"{status['run_id']}: {status['state']}, {format_duration(status['t_s'])} of bench time, "
-        f"{status['points_measured']} of {status['points_planned']} points "
-        f"({', '.join(f'{count} {verdict}' for verdict, count in verdicts.items())})"
-    ]
+    step = status["step"]
+    lines = [f"{status['run_id']}: {status['state']}, {format_duration(status['t_s'])} of bench time, {_done(status)}"]
     if step:
         lines.append(f"  step {step['step']} {step['verb']} ({step['at']})")
     readbacks = ", ".join(f"{key} {value}" for key, value in status["readbacks"].items() if value is not None)
@@ -60,3 +56,13 @@ def _text(status: dict[str, Any]) -> str:
     if status["state"] == "stopped":
         lines.append(f"  its process died; go on with: fogbench resume {status['run_id']}")
     return "\n".join(lines)
+
+
+def _done(status: dict[str, Any]) -> str:
+    """How much of the plan is measured, in words."""
+    verdicts = ", ".join(f"{count} {verdict}" for verdict, count in status["verdicts"].items())
+    parts = [f"{status['points_measured']} of {status['points_planned']} points ({verdicts})"]
+    if status["records_planned"]:
+        made = f"{status['records_made']} of {status['records_planned']} records"
+        parts = [*parts, made] if status["points_planned"] else [made]
+    return ", ".join(parts)
