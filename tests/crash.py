@@ -63,6 +63,11 @@ class Setting:
 
 
 VIRTUAL = Setting(ROOT / "benches" / "virtual.yaml")
+# Only a bench with a supply can switch its DUTs off.
+POWERED = Setting(
+    ROOT / "benches" / "virtual_metrics.yaml",
+    PROCEDURE.replace("  - note: begin\n", "  - note: begin\n  - power: off\n  - dwell: 1 min\n  - power: on\n"),
+)
 
 
 @dataclass
@@ -164,6 +169,11 @@ def _attempt(prepared: Callable[[], Prepared], kill: Kill | None) -> bool:
     return os.WIFSIGNALED(os.waitpid(child, 0)[1])
 
 
+def setting_of(kind: str) -> Setting:
+    """A campaign in which records of this kind are written."""
+    return POWERED if kind == "power" else VIRTUAL
+
+
 def kills_of(kind: str, rng: random.Random) -> list[Kill]:
     """The kills of a trial that dies at a record of this kind; a resume has to come first for some."""
     kill = at_kind(kind, torn=rng.random() < 0.5)
@@ -206,10 +216,14 @@ def main() -> int:
     def show() -> None:
         print(f"\r{tally.kills} kills", end="", flush=True)
 
-    wanted = [kills_of(kind, rng) for kind in kinds()]
+    wanted = kinds()
     while wanted or tally.kills < options.kills - options.live:
         with tempfile.TemporaryDirectory() as folder:
-            trial(Path(folder), wanted.pop() if wanted else at_random(rng, 110, 0.3), tally)
+            if wanted:
+                kind = wanted.pop()
+                trial(Path(folder), kills_of(kind, rng), tally, setting_of(kind))
+            else:
+                trial(Path(folder), at_random(rng, 110, 0.3), tally)
         show()
     live_trials(options.live, rng, tally, show)
     never = sorted(set(kinds()) - set(tally.by_kind))

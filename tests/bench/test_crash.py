@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from tests import crash_live
-from tests.crash import Setting, Tally, kills_of, live_trials, trial
+from tests.crash import Setting, Tally, kills_of, live_trials, setting_of, trial
 from tests.crash_kills import after, at_kind, at_record, kinds
 from tests.crash_live import LiveSimulators
 
@@ -26,7 +26,7 @@ def test_the_kinds_of_records_are_those_that_the_sources_write() -> None:
 @pytest.mark.parametrize("kind", kinds())
 def test_a_kill_at_every_kind_of_record(tmp_path: Path, kind: str) -> None:
     tally = Tally()
-    trial(tmp_path, kills_of(kind, random.Random(kind)), tally)
+    trial(tmp_path, kills_of(kind, random.Random(kind)), tally, setting_of(kind))
     assert tally.by_kind[kind] == 1 and tally.clean, str(tally)
 
 
