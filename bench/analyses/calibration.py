@@ -43,7 +43,8 @@ def analyse(context: Context) -> Analysed:
 def figures_of(context: Context, dut: str, spec: CalibrationAnalysis) -> Found:
     """What the blocks ask for of one DUT; what cannot be had is noted."""
     found = Found()
-    lab = Lab(context.recorded, dut, spec, context.points, context.series, context.site.get("latitude_deg"))
+    site = context.site.get("latitude_deg"), context.site.get("azimuth_deg")
+    lab = Lab(context.recorded, dut, spec, context.points, context.series, *site)
     parts: tuple[tuple[str, Any, Callable[..., None]], ...] = (
         ("static", spec.static, static),
         ("temperature", spec.temperature, temperature),

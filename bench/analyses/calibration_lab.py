@@ -27,6 +27,10 @@ _NO_LATITUDE = (
     "the bench file states no latitude under 'site:', so the earth's rotation cannot be taken off and the bias is not "
     "known"
 )
+_LEVEL = (
+    "the bench file states an azimuth under 'site:', so the input axis lies level and what it feels of the earth's "
+    "rotation depends on the heading; a bias then comes from opposite positions, not from one record"
+)
 
 
 @dataclass(frozen=True)
@@ -70,6 +74,7 @@ class Lab:
     points: pd.DataFrame
     series: Sequence[Mapping[str, Any]]
     latitude_deg: float | None
+    azimuth_deg: float | None = None
 
     @property
     def table_u_ppm(self) -> float:
@@ -108,9 +113,14 @@ class Lab:
         return scale, {"k": scale.value, "k_u_ppm": 1e6 * scale.u / scale.value, "k_from": source}
 
     def earth(self) -> InputRate:
-        """Earth rate along the input axis, from the latitude, with its uncertainty. NotRecorded without a latitude."""
+        """Earth rate along an upright input axis, from the latitude, with its uncertainty.
+
+        NotRecorded without a latitude, and on a bench whose DUTs lie level.
+        """
         if self.latitude_deg is None:
             raise NotRecorded(_NO_LATITUDE)
+        if self.azimuth_deg is not None:
+            raise NotRecorded(_LEVEL)
         by_latitude, by_tilt = self._earth_half_widths()
         return InputRate(vertical_dph(self.latitude_deg), hypot(by_latitude, by_tilt) / sqrt(3.0))
 
