@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import json
 import os
+import signal
 import sys
 import traceback
 from typing import Any
@@ -89,9 +90,11 @@ def main() -> None:
         error.show()
         code = ExitCode.USER_MISTAKE
     except (click.Abort, KeyboardInterrupt):
+        _deaf_to_interrupts()
         click.echo("interrupted", err=True)
         code = ExitCode.INTERRUPTED
     except FogbenchError as error:
+        _deaf_to_interrupts()
         show_error(error)
         code = error.exit_code
     except BrokenPipeError:
@@ -105,7 +108,13 @@ def main() -> None:
         traceback.print_exc()
         show_error(BenchFailure(f"fogbench itself failed ({type(error).__name__}); the lines above say where."))
         code = ExitCode.BENCH_FAILED
+    _deaf_to_interrupts()
     sys.exit(int(code or 0))
+
+
+def _deaf_to_interrupts() -> None:
+    """One Ctrl-C more must not change the exit code of a process that is on its way out."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 def show_error(error: FogbenchError) -> None:
