@@ -16,7 +16,7 @@ from bench.points import Figures, Row, point_row
 from bench.procedure.conditions import Quality
 from bench.procedure.language import Acquire
 from bench.procedure.plan import PlannedStep
-from bench.rawstore import RawFile, RawStore
+from bench.rawstore import RawFile, RawStore, meaning_as_metadata
 from bench.reduction import Samples, point_statistics, spikes, to_samples
 from drivers.codecs.batch import FrameBatch
 from drivers.codecs.counters import Losses
@@ -213,7 +213,6 @@ class RecordingAcquirer:
             columns = {"index": frames.index, **frames.columns}
         else:
             columns = asdict(item.samples)
-        meaning = recording.gyro.meaning
         metadata = {
             "point": step.point,
             "dut": item.dut,
@@ -223,7 +222,6 @@ class RecordingAcquirer:
             "take": args.take,
             "source": recording.gyro.describe(),
             "data_rate_hz": recording.gyro.data_rate_hz,
-            "quantities": {name: asdict(law) for name, law in meaning.quantities.items()},
-            "status": {"good_mask": meaning.good_mask, "good_value": meaning.good_value},
+            **meaning_as_metadata(recording.gyro.meaning),
         }
         self._store.put(RawFile(f"p{step.point:05d}-{item.dut}.parquet", columns, metadata))

@@ -17,7 +17,7 @@ import os
 import queue
 import threading
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 
 from bench.errors import BenchFailure, FogbenchError
 from bench.runfolder import sync_folder
+from drivers.codecs.batch import Meaning, Quantity
 
 QUEUE_LENGTH = 16
 WRITERS = 2
@@ -141,6 +142,20 @@ def write_parquet(path: Path, columns: Mapping[str, NDArray[Any]], metadata: Map
         os.fsync(file.fileno())
     temporary.replace(path)
     sync_folder(path.parent)
+
+
+def meaning_as_metadata(meaning: Meaning) -> dict[str, Any]:
+    """What frames mean, as metadata of a raw file; `meaning_of` reads it back."""
+    return {
+        "quantities": {name: asdict(law) for name, law in meaning.quantities.items()},
+        "status": {"good_mask": meaning.good_mask, "good_value": meaning.good_value},
+    }
+
+
+def meaning_of(metadata: Mapping[str, Any]) -> Meaning:
+    """What the frames of a raw file mean, of its metadata. Raises KeyError or TypeError."""
+    laws = {name: Quantity(**law) for name, law in metadata["quantities"].items()}
+    return Meaning.of(laws, metadata["status"]["good_mask"], metadata["status"]["good_value"])
 
 
 def _parquet(columns: Mapping[str, NDArray[Any]], about: bytes) -> bytearray:

@@ -11,7 +11,7 @@ from bench.instruments import Gyro
 from bench.procedure.conditions import Quality
 from bench.procedure.language import Record
 from bench.procedure.plan import PlannedStep
-from bench.rawstore import RawFile, RawStore
+from bench.rawstore import RawFile, RawStore, meaning_as_metadata
 from bench.series import Columns, Growing, part_name
 from drivers.codecs.batch import FrameBatch
 from drivers.codecs.counters import Losses
@@ -111,7 +111,6 @@ class SeriesRecorder:
             self._store.put(RawFile(name, {"index": frames.index, **frames.columns}, about))
 
     def _metadata(self, record: _Open, dut: str, one: _Series) -> dict[str, Any]:
-        meaning = one.gyro.meaning
         return {
             "record": record.number,
             "label": record.step.record,
@@ -121,8 +120,7 @@ class SeriesRecorder:
             "first_index": one.growing.start,
             "source": one.gyro.describe(),
             "data_rate_hz": one.gyro.data_rate_hz,
-            "quantities": {name: asdict(law) for name, law in meaning.quantities.items()},
-            "status": {"good_mask": meaning.good_mask, "good_value": meaning.good_value},
+            **meaning_as_metadata(one.gyro.meaning),
         }
 
     def _about(self, record: _Open, dut: str, one: _Series, rows: int, now_s: float) -> dict[str, Any]:

@@ -53,6 +53,16 @@ class PointStatistics:
     dut_temperature_slope_u_degc_min: float
 
 
+def intervals_of(offset: NDArray[np.int64], frames_per_interval: float) -> NDArray[np.int64]:
+    """The interval of each frame, int64[n]; `offset` is its number minus that of the first frame.
+
+    Frame k belongs to interval floor((k + ½) / frames_per_interval), the one its middle lies in on the gyro's own
+    clock, so that arrival jitter moves no frame.
+    """
+    interval: NDArray[np.int64] = np.floor((offset + 0.5) / frames_per_interval).astype(np.int64)
+    return interval
+
+
 def to_samples(
     offset: NDArray[np.int64],
     rate_dps: Floats,
@@ -64,14 +74,13 @@ def to_samples(
 ) -> Samples:
     """Assign frames to the intervals of an acquisition and reduce each.
 
-    `offset` is the frame index minus that of the first frame of the acquisition, rising; frame k belongs to interval
-    floor((k + ½) / frames_per_sample), the one its middle lies in on the gyro's own clock, so that arrival jitter moves
-    no frame. A sample is the mean of its good frames, or the newest of them.
+    `offset` is the frame index minus that of the first frame of the acquisition, rising; `intervals_of` says which
+    interval a frame belongs to. A sample is the mean of its good frames, or the newest of them.
     """
     whole = round(frames_per_sample)
     if whole == frames_per_sample and len(offset) == whole * count and good.all() and offset[-1] == whole * count - 1:
         return _regular(rate_dps, temperature_degc, whole, count, newest)
-    interval = np.floor((offset + 0.5) / frames_per_sample).astype(np.int64)
+    interval = intervals_of(offset, frames_per_sample)
     use = good & (interval >= 0) & (interval < count)
     interval, rate, temperature = interval[use], rate_dps[use], temperature_degc[use]
     frames = np.bincount(interval, minlength=count).astype(np.int64)

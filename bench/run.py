@@ -8,7 +8,7 @@ from pathlib import Path
 
 from bench.attempt import begin, go_on
 from bench.clock import Clock, StopRequest
-from bench.composition import open_bench
+from bench.composition import LATER_ATTEMPT, open_bench
 from bench.conclude import ReportWriter, RunEnd, conclude
 from bench.control import Control
 from bench.engine import Listener
@@ -108,4 +108,4 @@ def _truth_dir(prepared: Prepared) -> Path | None:
     if not prepared.checked.bench.virtual:
         return None
     folder = prepared.folder.parent / TRUTH_FOLDER / prepared.folder.name
-    return folder / f"attempt-{prepared.resumed.attempt}" if prepared.resumed else folder
+    return folder / f"{LATER_ATTEMPT}{prepared.resumed.attempt}" if prepared.resumed else folder

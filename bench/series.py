@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from bench.errors import FogbenchError
 from bench.journal import Entry
 from bench.rawstore import read_parquet
+from bench.reduction import intervals_of
 from bench.replacement import begins_anew, joined
 from bench.runfolder import write_atomic
 from drivers.codecs.batch import FrameBatch
@@ -49,11 +50,10 @@ def part_name(record: int, dut: str, part: int, kept: str) -> str:
 def rows_of(frames: FrameBatch, offset: NDArray[np.int64], frames_per_row: float, first: int, count: int) -> Columns:
     """Rows first … first + count - 1 of a series: means of good frames by interval, NaN where there is none.
 
-    offset: int64[n], frame number minus that of the record's first frame. Frame k belongs to row
-    floor((k + ½) / frames_per_row). Returns row int64, rate_dps, temperature_degc, the channels (float64), and frames
-    int64, how many were used; each of shape (count,).
+    offset: int64[n], frame number minus that of the record's first frame. Returns row int64, rate_dps,
+    temperature_degc, the channels (float64), and frames int64, how many were used; each of shape (count,).
     """
-    interval = np.floor((offset + 0.5) / frames_per_row).astype(np.int64) - first
+    interval = intervals_of(offset, frames_per_row) - first
     use = frames.good & (interval >= 0) & (interval < count)
     interval = interval[use]
     used = np.bincount(interval, minlength=count).astype(np.int64)

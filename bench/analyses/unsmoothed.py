@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.rawstore import read_parquet
+from bench.rawstore import meaning_of, read_parquet
+from bench.reduction import intervals_of
 from bench.series import Columns, part_name, read_parts
-from drivers.codecs.batch import Meaning, Quantity
 
 Floats = NDArray[np.float64]
 
@@ -65,12 +65,10 @@ def _blocks(
         raw = read_parquet(path)
         columns = dict(raw.columns)
         index = columns.pop("index")
-        laws = {name: Quantity(**law) for name, law in raw.metadata["quantities"].items()}
-        status = raw.metadata["status"]
-        frames = Meaning.of(laws, status["good_mask"], status["good_value"]).batch(columns, index)
+        frames = meaning_of(raw.metadata).batch(columns, index)
         data_rate_hz = float(raw.metadata["data_rate_hz"])
         offset = index - raw.metadata["first_index"]
-        row = np.floor((offset + 0.5) / (about["every_s"] * data_rate_hz)).astype(np.int64)
+        row = intervals_of(offset, about["every_s"] * data_rate_hz)
         use = frames.good & (row < about["rows"])
         yield row[use], frames.rate_dps[use] - truth_dps, data_rate_hz
 

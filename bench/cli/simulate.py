@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import signal
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -126,9 +125,9 @@ def _period_s(text: str) -> float:
 
 def _write(path: Path, text: str) -> None:
     """Write the file at once: who waits for it never sees a part."""
-    part = path.with_name(f".{path.name}.part")
-    part.write_text(text, encoding="utf-8")
-    os.replace(part, path)  # noqa: PTH105 - over an existing file on every system
+    from bench.runfolder import write_atomic
+
+    write_atomic(path, text.encode("utf-8"))
 
 
 def _print_line(bench: Path, output: Path | None, text: str, ports: dict[str, Any]) -> None:

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import contextlib
+import codecs
 import csv
-import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any
 
 import numpy as np
 
 from bench.errors import UserMistake
-from bench.runfolder import sync_folder
+from bench.runfolder import atomic_file
 from bench.userdata.columns import columns_named, one_column, parse_map
 from bench.userdata.history import Row, compensated, has_history
 from bench.userdata.tables import CHUNK_ROWS, Chunk, Table, is_parquet, open_table
@@ -73,7 +72,8 @@ def compensate_file(
             raise UserMistake(f"{path}: there is a column '{name}' already; rename it, or give the original file.")
     columns = find_columns(compensation, table, options)
     counts = Counts()
-    with _atomic(out) as file:
+    with atomic_file(out) as binary:
+        file = codecs.getwriter("utf-8")(binary)
         file.writelines(f"{comment}\n" for comment in table.comments)
         writer = csv.writer(file, delimiter=table.delimiter, lineterminator="\n")
         writer.writerow([*table.header, COMPENSATED, GUARDED])
@@ -170,18 +170,3 @@ def _check_out(path: Path, out: Path) -> None:
         raise UserMistake(f"-o {out}: the result is written as CSV; give a name that ends in .csv")
     if not out.absolute().parent.is_dir():
         raise UserMistake(f"-o {out}: there is no folder {out.parent}. Make it, or give another.")
-
-
-@contextlib.contextmanager
-def _atomic(path: Path) -> Iterator[TextIO]:
-    """A text file that is there whole or not at all."""
-    temporary = path.with_name(path.name + ".tmp")
-    try:
-        with temporary.open("w", encoding="utf-8", newline="") as file:
-            yield file
-            file.flush()
-            os.fsync(file.fileno())
-        temporary.replace(path)
-        sync_folder(path.absolute().parent)
-    finally:
-        temporary.unlink(missing_ok=True)

@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.points import digits_of
-from bench.rawstore import RawFile, read_parquet
+from bench.rawstore import RawFile, meaning_of, read_parquet
 from bench.reduction import Samples, held_frames, point_statistics, spikes, to_samples
 from bench.verify.findings import Check, Finding, Tell, attempt, collect
 from bench.verify.record import Record
-from drivers.codecs.batch import FrameBatch, Meaning, Quantity
+from drivers.codecs.batch import FrameBatch
 
 # Parts of records are looked at by bench/verify/series.py.
 PART = re.compile(r"r(\d{5,9})-(.+)-(\d{5,9})\.(frames|samples)\.parquet")
@@ -187,12 +187,6 @@ def _reduced(frames: FrameBatch, good: NDArray[np.bool_], per_sample: float, abo
         about["samples"],
         newest=about["take"] == "newest",
     )
-
-
-def meaning_of(about: Any) -> Meaning:
-    """The laws in a raw file's metadata. Raises KeyError or TypeError."""
-    laws = {name: Quantity(**law) for name, law in about["quantities"].items()}
-    return Meaning.of(laws, about["status"]["good_mask"], about["status"]["good_value"])
 
 
 def _same(value: Any, journaled: Any, figure: str) -> bool:

@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from bench.rawstore import RawFile, read_parquet
+from bench.rawstore import RawFile, meaning_of, read_parquet
 from bench.series import finished_series, part_name, quantities_of, rows_of, series_file, series_table
 from bench.verify.findings import Check, Finding, Tell, attempt, collect
-from bench.verify.raw_files import PART, meaning_of
+from bench.verify.raw_files import PART
 from bench.verify.record import Record
 from bench.verify.tables import cells, read_table
 
